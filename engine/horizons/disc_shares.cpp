@@ -24,12 +24,12 @@ using DiscLanes = hn::CappedTag<float, kPacket>;
 using DiscVector = hn::Vec<DiscLanes>;
 inline constexpr int kDiscLanes = static_cast<int>(HWY_MIN(HWY_LANES(float), kPacket));
 
-// Local axes of the lanes, and the sine of the body's parallax per 1 / distance.
+// Local axes of the lanes in MOON_ME, and their distances from the Moon's centre.
 struct alignas(64) LaneFrames {
   float east[3][kPacket], north[3][kPacket], up[3][kPacket], radius_m[kPacket];
 };
 
-// Where a body is at a place: its azimuth in steps of the horizons' azimuths, and its elevation in degrees.
+// Position of a body in the sky of a place: azimuth in steps of the horizons' azimuths, elevation in degrees.
 struct LocalPosition {
   DiscVector azimuth_steps, elevation_deg;
 };
@@ -41,7 +41,8 @@ HWY_INLINE DiscVector Dot(DiscLanes d, const float (*axis)[kPacket], int i, cons
 }
 
 // Converts east, north and up components to azimuth and elevation.
-HWY_INLINE LocalPosition PositionOf(DiscLanes d, DiscVector east, DiscVector north, DiscVector up, float steps_per_rad) {
+HWY_INLINE LocalPosition PositionOf(DiscLanes d, DiscVector east, DiscVector north, DiscVector up,
+                                    float steps_per_rad) {
   const DiscVector level = hn::Sqrt(hn::Add(hn::Mul(east, east), hn::Mul(north, north)));
   const DiscVector elevation = Arctangent(d, hn::Div(up, hn::Max(level, hn::Set(d, 1e-6F))));
   return {hn::Mul(AngleOf(d, north, east), hn::Set(d, steps_per_rad)),
@@ -124,15 +125,13 @@ class PacketShares {
     const double east = axes.east.dot(epoch.direction), north = axes.north.dot(epoch.direction);
     const double up = axes.up.dot(epoch.direction) - horizons_.radius_m[first_] / epoch.distance_m;
     const double level = std::sqrt(east * east + north * north);
-    // The sine differs from the angle's by less than 3 % below kSteep_deg; margins below are wider than that.
     const float elevation_deg = static_cast<float>(std::atan2(up, level) * kDegreesPerRadian);
     if (std::abs(elevation_deg) < static_cast<float>(kSteep_deg)) {
       const double steps = std::atan2(east, north) * horizons_.azimuths / (2 * std::numbers::pi);
-      const auto azimuth = static_cast<std::size_t>(
-          (static_cast<int>(std::floor(steps)) + horizons_.azimuths) % horizons_.azimuths);
+      const auto azimuth =
+          static_cast<std::size_t>((static_cast<int>(std::floor(steps)) + horizons_.azimuths) % horizons_.azimuths);
       constexpr double kMargin_deg = 0.001;
-      const auto radius_deg =
-          static_cast<float>((epoch.radius_rad + tilt_rad_) * kDegreesPerRadian + kMargin_deg);
+      const auto radius_deg = static_cast<float>((epoch.radius_rad + tilt_rad_) * kDegreesPerRadian + kMargin_deg);
       if (elevation_deg - radius_deg > high_[azimuth]) return std::fill(share, share + kPacket, 1.F);
       if (elevation_deg + radius_deg < low_[azimuth]) return std::fill(share, share + kPacket, 0.F);
     }
@@ -155,21 +154,20 @@ class PacketShares {
       const LocalPosition body = PositionOf(d, east, north, up, steps_per_rad);
       // A strip lies aside by its offset over the cosine of the elevation, at most by half a turn.
       const DiscVector level = hn::Sqrt(hn::Add(hn::Mul(east, east), hn::Mul(north, north)));
-      const DiscVector steps_per_radius =
-          hn::Min(hn::Div(hn::Set(d, static_cast<float>(epoch.radius_rad) * steps_per_rad),
-                          hn::Max(level, hn::Set(d, 1e-4F))),
-                  hn::Set(d, 0.5F * static_cast<float>(horizons_.azimuths)));
+      const DiscVector steps_per_radius = hn::Min(
+          hn::Div(hn::Set(d, static_cast<float>(epoch.radius_rad) * steps_per_rad), hn::Max(level, hn::Set(d, 1e-4F))),
+          hn::Set(d, 0.5F * static_cast<float>(horizons_.azimuths)));
       DiscVector sum = hn::Zero(d);
       for (int strip = 0; strip < Disc::kStrips; ++strip) {
         const auto s = static_cast<std::size_t>(strip);
-        const DiscVector horizon = HorizonAt(
-            d, i, hn::Add(body.azimuth_steps, hn::Mul(hn::Set(d, disc_.aside[s]), steps_per_radius)));
+        const DiscVector horizon =
+            HorizonAt(d, i, hn::Add(body.azimuth_steps, hn::Mul(hn::Set(d, disc_.aside[s]), steps_per_radius)));
         const DiscVector z = hn::Div(hn::Sub(horizon, body.elevation_deg),
                                      hn::Set(d, std::max(radius_deg, 1e-6F) * disc_.half_height[s]));
         const DiscVector inside = hn::Max(hn::Neg(unity), hn::Min(unity, z));
         const DiscVector linear = hn::Set(d, disc_.linear[s]);
-        const DiscVector cubic = hn::Mul(
-            inside, hn::Add(linear, hn::Mul(hn::Sub(unity, linear), hn::Mul(inside, inside))));
+        const DiscVector cubic =
+            hn::Mul(inside, hn::Add(linear, hn::Mul(hn::Sub(unity, linear), hn::Mul(inside, inside))));
         const DiscVector light = hn::Mul(hn::Mul(hn::Set(d, disc_.weight[s]), half), hn::Sub(unity, cubic));
         // A horizon without data makes the share NaN: keep it from the vector's minimum, which may drop it.
         sum = hn::Add(sum, hn::IfThenElse(hn::Eq(horizon, horizon), light, horizon));
@@ -183,16 +181,16 @@ class PacketShares {
     const hn::Rebind<std::int32_t, DiscLanes> di;
     const DiscVector turn = hn::Set(d, static_cast<float>(horizons_.azimuths));
     const DiscVector positive = hn::IfThenElse(hn::Lt(steps, hn::Zero(d)), hn::Add(steps, turn), steps);
-    const DiscVector within = hn::IfThenElse(hn::Ge(positive, turn), hn::Sub(positive, turn), positive);
+    const DiscVector wrapped = hn::IfThenElse(hn::Ge(positive, turn), hn::Sub(positive, turn), positive);
     const auto last = hn::Set(di, horizons_.azimuths - 1);
-    const auto from = hn::Min(hn::ConvertTo(di, within), last);
+    const auto from = hn::Min(hn::ConvertTo(di, wrapped), last);
     const auto next = hn::IfThenElse(hn::Eq(from, last), hn::Zero(di), hn::Add(from, hn::Set(di, 1)));
     const auto lane = hn::Iota(di, first_lane);
     const auto element = [&](auto azimuth) { return hn::Add(hn::ShiftLeft<4>(azimuth), lane); };
     static_assert(kPacket == 16);
     const DiscVector a = hn::GatherIndex(d, horizons_.elevation_deg.data(), element(from));
     const DiscVector b = hn::GatherIndex(d, horizons_.elevation_deg.data(), element(next));
-    return hn::Add(a, hn::Mul(hn::Sub(within, hn::ConvertTo(d, from)), hn::Sub(b, a)));
+    return hn::Add(a, hn::Mul(hn::Sub(wrapped, hn::ConvertTo(d, from)), hn::Sub(b, a)));
   }
 
   static constexpr double kSteep_deg = 60;  // above it azimuths of a disc's sides differ too much for the bounds

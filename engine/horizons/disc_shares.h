@@ -24,7 +24,7 @@ struct BodyEpoch {
 
 // A disc in vertical strips of equal width.
 struct Disc {
-  static constexpr int kStrips = 8;
+  static constexpr int kStrips = 12;
   // Position of each strip's middle and half its height, in radii; its share of the disc's light; coefficient l of the
   // cubic (1 - z (l + (1 - l) z^2)) / 2, the share of the strip's light above z, from -1 to 1.
   std::array<float, kStrips> aside, half_height, weight, linear;

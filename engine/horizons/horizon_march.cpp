@@ -70,8 +70,7 @@ ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> pa
   const auto table_of = [&](const MarchSegment& segment) -> const HighestPosts* {
     const auto grid = static_cast<std::size_t>(segment.grid);
     // A position reads the posts around it; one more is a margin for rounding.
-    const float extent_posts =
-        (segment.half_m + spread_m + turn * segment.far_m) * plan.grids[grid].posts_per_m + 2;
+    const float extent_posts = (segment.half_m + spread_m + turn * segment.far_m) * plan.grids[grid].posts_per_m + 2;
     for (const HighestPosts& table : plan.highest[grid])
       if (table.reach_posts() >= extent_posts) return &table;
     return nullptr;
@@ -122,16 +121,17 @@ class PacketMarch {
     const Sixteen d;
     const MarchGrid& grid = plan_.grids.front();
     constexpr float kAhead_posts = 1.F / 64;  // selects the cell ahead of a place on a border of cells
-    const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle), ahead = hn::Set(d, kAhead_posts);
+    const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle),
+                ahead = hn::Set(d, kAhead_posts);
     for (int i = 0; i < kPacket; i += kLanes) {
       const Lanes dx = hn::Load(d, dx_ + i), dy = hn::Load(d, dy_ + i);
       const Lanes column = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.x + i), scale), middle), hn::Mul(dx, ahead));
       const Lanes row = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.y + i), scale), middle), hn::Mul(dy, ahead));
       const CellCorners cell = ReadCells(d, grid, column, row);
-      const Lanes eastward = Between(hn::Sub(cell.south_east, cell.south_west),
-                                     hn::Sub(cell.north_east, cell.north_west), cell.north);
-      const Lanes northward = Between(hn::Sub(cell.north_west, cell.south_west),
-                                      hn::Sub(cell.north_east, cell.south_east), cell.east);
+      const Lanes eastward =
+          Between(hn::Sub(cell.south_east, cell.south_west), hn::Sub(cell.north_east, cell.north_west), cell.north);
+      const Lanes northward =
+          Between(hn::Sub(cell.north_west, cell.south_west), hn::Sub(cell.north_east, cell.south_east), cell.east);
       const Lanes slope = hn::Mul(hn::Add(hn::Mul(eastward, dx), hn::Mul(northward, dy)), scale);
       const Lanes height = hn::Load(d, places_.height + i);
       const Lanes tangent =
@@ -161,8 +161,7 @@ class PacketMarch {
         const MarchSample& sample = plan_.samples[static_cast<std::size_t>(j)];
         // 1 / (1 + w) as a series: w is at most 0.002.
         const Lanes w = hn::Mul(k, hn::Set(d, sample.tan_angle));
-        const Lanes distance =
-            hn::Mul(hn::Set(d, sample.plane_m), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
+        const Lanes distance = hn::Mul(hn::Set(d, sample.plane_m), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
         const CellCorners cell = ReadCells(d, grid, hn::Add(column, hn::Mul(columns_per_m, distance)),
                                            hn::Add(row, hn::Mul(rows_per_m, distance)));
         const Lanes south = Between(cell.south_west, cell.south_east, cell.east);
@@ -212,8 +211,9 @@ class PacketMarch {
     bool rose = false;
     for (int i = segment.first_part; i < segment.past_last_part; ++i) {
       const auto part_index = static_cast<std::size_t>(i);
-      const MarchSegment& part = plan_.parts[part_index];
-      if (may_rise(part, tables_.parts[part_index])) rose = read(grid, part.first, part.past_last) || rose;
+      const MarchSegment& short_segment = plan_.parts[part_index];
+      if (may_rise(short_segment, tables_.parts[part_index]))
+        rose = read(grid, short_segment.first, short_segment.past_last) || rose;
     }
     return rose;
   }

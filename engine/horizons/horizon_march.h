@@ -9,8 +9,8 @@
 //      o____.-._/\_______/    \____________________|_/    \___|
 //      |fine| segment | segment  |    segment      |   segment     |   each 1/8 of its distance long
 //
-// Coordinates are gnomonic, as in engine/indirect/relief.h: great circles are straight lines. A place sees the ground at
-// an angle a from it, at the Moon's centre, at the plane's distance R tan(a) along its own line; a segment's samples
+// Coordinates are gnomonic, as in engine/indirect/relief.h: great circles are straight lines. A place sees the ground
+// at an angle a from it, at the Moon's centre, at the plane's distance R tan(a) along its own line; a segment's samples
 // have the same angles for all places and azimuths.
 #pragma once
 
@@ -48,8 +48,8 @@ struct HighestPosts {
 // Ground at an angle a from the place. tangent of its elevation = (height - own height) / (1 + height / R) rise_per_m -
 // drop, with rise_per_m = 1 / (R sin a) and drop = tan(a / 2).
 struct MarchSample {
-  float plane_m;      // R tan(a)
-  float tan_angle;    // tan(a)
+  float plane_m;    // R tan(a)
+  float tan_angle;  // tan(a)
   float rise_per_m, drop;
 };
 
@@ -70,8 +70,8 @@ struct MarchPlan {
   std::vector<MarchSample> samples;
   int near_samples = 0;
   std::vector<MarchSegment> segments, parts;
-  float per_radius = 0;      // 1 / radius of height 0, 1/m
-  float radius_ratio = 1;    // radius of the datum over that of height 0
+  float per_radius = 0;    // 1 / radius of height 0, 1/m
+  float radius_ratio = 1;  // radius of the datum over that of height 0
 };
 
 // Sixteen places in the plane of the grids. A place that looks at an azimuth moves along cos(azimuth) north +
@@ -82,8 +82,8 @@ struct alignas(64) MarchPlaces {
   float north_x[kPacket], north_y[kPacket], north_k[kPacket];
   float east_x[kPacket], east_y[kPacket], east_k[kPacket];
   bool valid[kPacket];
-  float spread_m = 0;  // largest distance in x or y of a place from the first one
-  float turn = 0;      // largest difference of a place's direction from the first one's, as length of the difference
+  float spread_m = 0;     // largest distance in x or y of a place from the first one
+  float turn = 0;         // largest difference of a place's direction from the first one's, as length of the difference
   bool on_ground = true;  // eyes are on the ground: its own slope is part of the horizon
 };
 

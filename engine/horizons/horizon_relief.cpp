@@ -182,10 +182,10 @@ class PlanWriter {
     const int past_last = static_cast<int>(plan_.samples.size());
     MarchSegment segment = bounded(index, first, past_last, begin_m, next_m_);
     if (past_last - first > 2 * kPart)
-      for (int part = first; part < past_last; part += kPart) {
-        const int past_part = std::min(part + kPart, past_last);
-        plan_.parts.push_back(bounded(index, part, past_part, begin_m + (part - first) * grid.spacing_m,
-                                      begin_m + (past_part - first) * grid.spacing_m));
+      for (int begin = first; begin < past_last; begin += kPart) {
+        const int end = std::min(begin + kPart, past_last);
+        plan_.parts.push_back(bounded(index, begin, end, begin_m + (begin - first) * grid.spacing_m,
+                                      begin_m + (end - first) * grid.spacing_m));
       }
     segment.first_part = first_part;
     segment.past_last_part = static_cast<int>(plan_.parts.size());

@@ -24,10 +24,10 @@ namespace selenograph::engine {
 inline constexpr double kPostsPerDistance = 800;
 
 struct HorizonReliefShape {
-  Vec3 centre;         // unit vector, MOON_ME
-  double half_m;       // half the side of the square around the centre in which places lie, on the gnomonic plane
-  double spacing_m;    // spacing of the finest grid
-  double farthest_m;   // distance at which marches end, along the sphere
+  Vec3 centre;        // unit vector, MOON_ME
+  double half_m;      // half the side of the square around the centre in which places lie, on the gnomonic plane
+  double spacing_m;   // spacing of the finest grid
+  double farthest_m;  // distance at which marches end, along the sphere
 };
 
 // Returns the number of posts of all grids.

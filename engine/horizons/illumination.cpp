@@ -11,8 +11,8 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kLimbDarkening = 0.6;       // of the Sun, as in frames
-constexpr double kEarthRadius_m = 6371000;   // mean radius
+constexpr double kLimbDarkening = 0.6;      // of the Sun, as in frames
+constexpr double kEarthRadius_m = 6371000;  // mean radius
 
 // Statistics of one body at sixteen places.
 struct Run {
@@ -61,14 +61,14 @@ class IlluminationSearch {
     const auto hours = static_cast<float>(bodies_.step_s / 3600);
     for (std::size_t i = 0; i < kPacket; ++i) {
       if (packet.index[i] < 0) continue;
-      const auto place = static_cast<std::size_t>(packet.index[i]);
-      out_.sun_mean[place] = sun.sum[i] / epochs;
-      out_.earth_mean[place] = earth.sum[i] / epochs;
+      const auto pixel = static_cast<std::size_t>(packet.index[i]);
+      out_.sun_mean[pixel] = sun.sum[i] / epochs;
+      out_.earth_mean[pixel] = earth.sum[i] / epochs;
       // Runs count a share without data as dark: the mean, which is NaN then, tells such a place.
       if (std::isnan(sun.sum[i]) || std::isnan(earth.sum[i])) continue;
-      out_.longest_night_h[place] = sun.longest[i] * hours;
-      out_.nights[place] = sun.count[i];
-      out_.longest_without_earth_h[place] = earth.longest[i] * hours;
+      out_.longest_night_h[pixel] = sun.longest[i] * hours;
+      out_.nights[pixel] = sun.count[i];
+      out_.longest_without_earth_h[pixel] = earth.longest[i] * hours;
     }
     return light;
   }

@@ -19,9 +19,9 @@ BodySeries bodies_at(const std::vector<std::string>& utc, double step_s);
 
 // A year at each pixel of a map or each place; NaN without data. An epoch lasts one step.
 struct Illumination {
-  std::vector<float> sun_mean, earth_mean;    // mean shares of the discs, 0 to 1
-  std::vector<float> longest_night_h;         // longest run of epochs without any of the Sun's disc
-  std::vector<float> nights;                  // number of such runs, also those cut by the span's ends
+  std::vector<float> sun_mean, earth_mean;  // mean shares of the discs, 0 to 1
+  std::vector<float> longest_night_h;       // longest run of epochs without any of the Sun's disc
+  std::vector<float> nights;                // number of such runs, also those cut by the span's ends
   std::vector<float> longest_without_earth_h;
   HorizonReport report;
 };

@@ -56,15 +56,15 @@ bool enclose(PlaceTile& tile) {
 // Returns the spacing of the finest posts around a tile, m.
 double finest_spacing_m(const PlaceTile& tile, const dem::Terrain& terrain) {
   const Eigen::Matrix3d axes = relief_axes(tile.centre);
-  constexpr int kSamples = 4;                // on each side of the centre
-  constexpr double kSurroundings_m = 500;    // posts of finer ground farther away are read at the tile's spacing
+  constexpr int kSamples = 4;              // on each side of the centre
+  constexpr double kSurroundings_m = 500;  // posts of finer ground farther away are read at the tile's spacing
   const double step_m = (tile.half_m + kSurroundings_m) / kSamples;
   int finest = 0;
   for (int row = -kSamples; row <= kSamples; ++row)
     for (int column = -kSamples; column <= kSamples; ++column) {
       const Vec3 d = axes.transpose() * Vec3(column * step_m, row * step_m, kMoonRadius_m).normalized();
-      const Geographic place = to_geographic(d * kMoonRadius_m);
-      const dem::Ticks ticks = dem::ticks_of(place.lat_deg, place.lon_deg);
+      const Geographic position = to_geographic(d * kMoonRadius_m);
+      const dem::Ticks ticks = dem::ticks_of(position.lat_deg, position.lon_deg);
       const dem::BlockId id = dem::block_at(dem::kMaxLevel, ticks.whole_lat, ticks.whole_lon);
       if (terrain.has_data(id)) finest = std::max(finest, terrain.posts_level(id));
     }

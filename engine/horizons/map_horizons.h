@@ -26,8 +26,8 @@ struct HorizonOptions {
 struct PacketHorizons {
   // Index per lane: of a map's pixel, row by row, or of a place; -1: the lane has none, or it has no data.
   int index[kPacket];
-  EastNorthUp axes[kPacket];     // at the lanes' places, MOON_ME
-  double radius_m[kPacket];      // of the eyes, from the Moon's centre
+  EastNorthUp axes[kPacket];  // at the lanes' places, MOON_ME
+  double radius_m[kPacket];   // of the eyes, from the Moon's centre
   int azimuths;
   std::span<const float> elevation_deg;  // [azimuth * kPacket + lane]; NaN without data
 };
@@ -37,10 +37,8 @@ using OnPacketHorizons = std::function<void(const PacketHorizons&)>;
 using HorizonProgress = std::function<void(double)>;
 
 struct HorizonReport {
-  std::size_t missing_places = 0;     // without data
-  double min_spacing_m = 0;           // smallest spacing of a relief's finest grid
-  // Upper bound of the horizons' error: heights of coarse grids, between their posts, and the marches' tolerance.
-  double error_bound_deg = 0;
+  std::size_t missing_places = 0;  // without data
+  double min_spacing_m = 0;        // smallest spacing of a relief's finest grid
 };
 
 // Finds the horizons of a map's pixels. Throws Cancelled, DataError, and ImpossibleRequest for a map whose reliefs do
