@@ -15,6 +15,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 # An arrow leads down this list.
 CAPABILITIES = {
     "engine/frames": {"engine/sky", "engine/rays"},
+    "engine/horizons": {"engine/sky"},
     "engine/maps": {"engine/hazard"},
     "engine/lidar": {"engine/rays"},
     "engine/limb": {"engine/rays"},

@@ -1,0 +1,275 @@
+#include "engine/horizons/horizon_march.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+
+#include "dem/base/vector_targets.h"
+#include "dem/grid/geodesy.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/horizons/horizon_march.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "engine/horizons/lane_angles.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using Sixteen = hn::CappedTag<float, kPacket>;
+using Lanes = hn::Vec<Sixteen>;
+inline constexpr int kLanes = static_cast<int>(HWY_MIN(HWY_LANES(float), kPacket));
+
+// Tangents at and below this value are not of any ground with data.
+inline constexpr float kNoGround = -1e3F;
+
+// Returns the part of a height's rise that a smaller radius of the place leaves: 1 / (1 + h / R), with an error of
+// (h / R)^2.
+HWY_INLINE Lanes NearOne(Sixteen d, Lanes height, float per_radius) {
+  return hn::Sub(hn::Set(d, 1.F), hn::Mul(height, hn::Set(d, per_radius)));
+}
+
+// Four posts around each lane's position in a grid, and the lane's share of the way to the eastern and northern ones.
+struct CellCorners {
+  Lanes south_west, south_east, north_west, north_east;
+  Lanes east, north;
+};
+
+HWY_INLINE CellCorners ReadCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row) {
+  const hn::Rebind<std::int32_t, Sixteen> di;
+  const auto whole_column = hn::ConvertTo(di, column), whole_row = hn::ConvertTo(di, row);
+  const auto post = hn::Add(hn::Mul(whole_row, hn::Set(di, grid.side)), whole_column);
+  const float* north_row = grid.heights + grid.side;
+  return {hn::GatherIndex(d, grid.heights, post),
+          hn::GatherIndex(d, grid.heights + 1, post),
+          hn::GatherIndex(d, north_row, post),
+          hn::GatherIndex(d, north_row + 1, post),
+          hn::Sub(column, hn::ConvertTo(d, whole_column)),
+          hn::Sub(row, hn::ConvertTo(d, whole_row))};
+}
+
+HWY_INLINE Lanes Between(Lanes from, Lanes to, Lanes share) { return hn::Add(from, hn::Mul(share, hn::Sub(to, from))); }
+
+// The table that bounds each segment and each part; null: the grid's highest post does.
+struct ChosenTables {
+  std::vector<const HighestPosts*> segments, parts;
+};
+
+// Chooses for each segment the smallest table that covers it from anywhere in any of the packets.
+ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> packets) {
+  float spread_m = 0, turn = 0;
+  for (const MarchPlaces& places : packets) {
+    spread_m = std::max(spread_m, places.spread_m);
+    turn = std::max(turn, places.turn);
+  }
+  const auto table_of = [&](const MarchSegment& segment) -> const HighestPosts* {
+    const auto grid = static_cast<std::size_t>(segment.grid);
+    // A position reads the posts around it; one more is a margin for rounding.
+    const float extent_posts = (segment.half_m + spread_m + turn * segment.far_m) * plan.grids[grid].posts_per_m + 2;
+    for (const HighestPosts& table : plan.highest[grid])
+      if (table.reach_posts() >= extent_posts) return &table;
+    return nullptr;
+  };
+  ChosenTables tables;
+  for (const MarchSegment& segment : plan.segments) tables.segments.push_back(table_of(segment));
+  for (const MarchSegment& part : plan.parts) tables.parts.push_back(table_of(part));
+  return tables;
+}
+
+// The march of sixteen places.
+class PacketMarch {
+ public:
+  PacketMarch(const MarchPlan& plan, const ChosenTables& tables, const MarchPlaces& places)
+      : plan_(plan), tables_(tables), places_(places) {}
+
+  // Finds the horizons at an azimuth, as tangents; kNoGround or less without any ground.
+  void find(float cosine, float sine, float* tangent) {
+    aim(cosine, sine);
+    begin();
+    read(plan_.grids.front(), 0, plan_.near_samples);
+    // Read the segment of the horizon at the previous azimuth first: it mostly has the horizon again, so that most
+    // others are skipped.
+    const std::size_t seed = seed_;
+    if (seed < plan_.segments.size()) visit(seed);
+    for (std::size_t i = 0; i < plan_.segments.size(); ++i)
+      if (i != seed && may_rise(plan_.segments[i], tables_.segments[i]) && visit(i)) seed_ = i;
+    for (int i = 0; i < kPacket; ++i) tangent[i] = horizon_[i];
+  }
+
+ private:
+  // Sets the directions of the lanes in the plane.
+  void aim(float cosine, float sine) {
+    const Sixteen d;
+    const Lanes c = hn::Set(d, cosine), s = hn::Set(d, sine);
+    const auto turned = [&](const float* north, const float* east, int i, float* out) {
+      hn::Store(hn::Add(hn::Mul(c, hn::Load(d, north + i)), hn::Mul(s, hn::Load(d, east + i))), d, out + i);
+    };
+    for (int i = 0; i < kPacket; i += kLanes) {
+      turned(places_.north_x, places_.east_x, i, dx_);
+      turned(places_.north_y, places_.east_y, i, dy_);
+      turned(places_.north_k, places_.east_k, i, k_);
+    }
+  }
+
+  // Sets the horizon at distance 0: the slope of the ground ahead of the place, or none for an eye above the ground.
+  void begin() {
+    const Sixteen d;
+    const MarchGrid& grid = plan_.grids.front();
+    constexpr float kAhead_posts = 1.F / 64;  // selects the cell ahead of a place on a border of cells
+    const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle),
+                ahead = hn::Set(d, kAhead_posts);
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const Lanes dx = hn::Load(d, dx_ + i), dy = hn::Load(d, dy_ + i);
+      const Lanes column = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.x + i), scale), middle), hn::Mul(dx, ahead));
+      const Lanes row = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.y + i), scale), middle), hn::Mul(dy, ahead));
+      const CellCorners cell = ReadCells(d, grid, column, row);
+      const Lanes eastward =
+          Between(hn::Sub(cell.south_east, cell.south_west), hn::Sub(cell.north_east, cell.north_west), cell.north);
+      const Lanes northward =
+          Between(hn::Sub(cell.north_west, cell.south_west), hn::Sub(cell.north_east, cell.south_east), cell.east);
+      const Lanes slope = hn::Mul(hn::Add(hn::Mul(eastward, dx), hn::Mul(northward, dy)), scale);
+      const Lanes height = hn::Load(d, places_.height + i);
+      const Lanes tangent =
+          hn::Mul(hn::Mul(slope, hn::Set(d, plan_.radius_ratio)), NearOne(d, height, plan_.per_radius));
+      const Lanes none = hn::Set(d, kNoGround);
+      hn::Store(places_.on_ground ? hn::Max(tangent, none) : none, d, horizon_ + i);
+    }
+    // An infinite horizon makes all segments irrelevant to an invalid lane.
+    for (int i = 0; i < kPacket; ++i)
+      if (!places_.valid[i]) horizon_[i] = std::numeric_limits<float>::infinity();
+  }
+
+  // Raises the horizons to samples of a grid. Returns true if any lane's rose.
+  bool read(const MarchGrid& grid, int first, int past_last) {
+    const Sixteen d;
+    const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle), unity = hn::Set(d, 1.F);
+    bool rose = false;
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const Lanes column = hn::Add(hn::Mul(hn::Load(d, places_.x + i), scale), middle);
+      const Lanes row = hn::Add(hn::Mul(hn::Load(d, places_.y + i), scale), middle);
+      const Lanes columns_per_m = hn::Mul(hn::Load(d, dx_ + i), scale);
+      const Lanes rows_per_m = hn::Mul(hn::Load(d, dy_ + i), scale);
+      const Lanes k = hn::Load(d, k_ + i), own_height = hn::Load(d, places_.height + i);
+      const Lanes before = hn::Load(d, horizon_ + i);
+      Lanes horizon = before;
+      for (int j = first; j < past_last; ++j) {
+        const MarchSample& sample = plan_.samples[static_cast<std::size_t>(j)];
+        // 1 / (1 + w) as a series: w is at most 0.002.
+        const Lanes w = hn::Mul(k, hn::Set(d, sample.tan_angle));
+        const Lanes distance = hn::Mul(hn::Set(d, sample.plane_m), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
+        const CellCorners cell = ReadCells(d, grid, hn::Add(column, hn::Mul(columns_per_m, distance)),
+                                           hn::Add(row, hn::Mul(rows_per_m, distance)));
+        const Lanes south = Between(cell.south_west, cell.south_east, cell.east);
+        const Lanes north = Between(cell.north_west, cell.north_east, cell.east);
+        const Lanes height = Between(south, north, cell.north);
+        const Lanes rise = hn::Mul(hn::Sub(height, own_height), NearOne(d, height, plan_.per_radius));
+        const Lanes tangent = hn::Sub(hn::Mul(rise, hn::Set(d, sample.rise_per_m)), hn::Set(d, sample.drop));
+        horizon = hn::Max(horizon, tangent);
+      }
+      rose = rose || !hn::AllFalse(d, hn::Gt(horizon, before));
+      hn::Store(horizon, d, horizon_ + i);
+    }
+    return rose;
+  }
+
+  // Returns true if ground of a segment may be above any lane's horizon by more than the tolerance.
+  bool may_rise(const MarchSegment& segment, const HighestPosts* table) const {
+    const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
+    float top = grid.highest_m;
+    if (table) {
+      const float w = k_[0] * segment.tan_middle, distance = segment.middle_m * (1 - w * (1 - w));
+      const float column = (places_.x[0] + dx_[0] * distance) * grid.posts_per_m + grid.middle;
+      const float row = (places_.y[0] + dy_[0] * distance) * grid.posts_per_m + grid.middle;
+      const int i = static_cast<int>(column) >> table->cell_log2, j = static_cast<int>(row) >> table->cell_log2;
+      top = table->heights[static_cast<std::size_t>(j) * static_cast<std::size_t>(table->side) +
+                           static_cast<std::size_t>(i)];
+    }
+    const Sixteen d;
+    const float near_one = 1 - top * plan_.per_radius;
+    const Lanes highest = hn::Set(d, top), at_near = hn::Set(d, near_one * segment.near_rise_per_m);
+    const Lanes at_far = hn::Set(d, near_one * segment.far_rise_per_m);
+    constexpr auto kTolerance = static_cast<float>(kHorizonTolerance_deg * kRadiansPerDegree);
+    const Lanes to_exceed = hn::Set(d, segment.near_drop + kTolerance);
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const Lanes rise = hn::Sub(highest, hn::Load(d, places_.height + i));
+      const Lanes bound = hn::Sub(hn::Max(hn::Mul(rise, at_near), hn::Mul(rise, at_far)), to_exceed);
+      if (!hn::AllFalse(d, hn::Gt(bound, hn::Load(d, horizon_ + i)))) return true;
+    }
+    return false;
+  }
+
+  // Reads a segment, or those of its parts that may rise. Returns true if any lane's horizon rose.
+  bool visit(std::size_t index) {
+    const MarchSegment& segment = plan_.segments[index];
+    const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
+    if (segment.first_part == segment.past_last_part) return read(grid, segment.first, segment.past_last);
+    bool rose = false;
+    for (int i = segment.first_part; i < segment.past_last_part; ++i) {
+      const auto part_index = static_cast<std::size_t>(i);
+      const MarchSegment& short_segment = plan_.parts[part_index];
+      if (may_rise(short_segment, tables_.parts[part_index]))
+        rose = read(grid, short_segment.first, short_segment.past_last) || rose;
+    }
+    return rose;
+  }
+
+  const MarchPlan& plan_;
+  const ChosenTables& tables_;
+  const MarchPlaces& places_;
+  std::size_t seed_ = 0;
+  alignas(64) float dx_[kPacket];
+  alignas(64) float dy_[kPacket];
+  alignas(64) float k_[kPacket];
+  alignas(64) float horizon_[kPacket];  // tangents
+};
+
+// Writes elevations in degrees for tangents.
+void WriteElevations(const float* tangent, float* elevation_deg) {
+  const Sixteen d;
+  const Lanes degrees = hn::Set(d, static_cast<float>(kDegreesPerRadian));
+  const Lanes nothing = hn::Set(d, std::numeric_limits<float>::quiet_NaN());
+  const Lanes no_ground = hn::Set(d, kNoGround), infinite = hn::Set(d, 1e30F);
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const Lanes t = hn::Load(d, tangent + i);
+    const auto is_ground = hn::And(hn::Gt(t, no_ground), hn::Lt(t, infinite));
+    hn::StoreU(hn::IfThenElse(is_ground, hn::Mul(Arctangent(d, t), degrees), nothing), d, elevation_deg + i);
+  }
+}
+
+// Implements find_horizons().
+void FindHorizons(const MarchPlan& plan, std::span<const MarchPlaces> packets, int azimuths, float* elevation_deg) {
+  const ChosenTables tables = ChooseTables(plan, packets);
+  std::vector<PacketMarch> marches;
+  marches.reserve(packets.size());
+  for (const MarchPlaces& places : packets) marches.emplace_back(plan, tables, places);
+  alignas(64) float tangent[kPacket];
+  for (int azimuth = 0; azimuth < azimuths; ++azimuth) {
+    const double azimuth_rad = 2 * std::numbers::pi * azimuth / azimuths;
+    const auto cosine = static_cast<float>(std::cos(azimuth_rad)), sine = static_cast<float>(std::sin(azimuth_rad));
+    for (std::size_t i = 0; i < marches.size(); ++i) {
+      marches[i].find(cosine, sine, tangent);
+      const std::size_t row = i * static_cast<std::size_t>(azimuths) + static_cast<std::size_t>(azimuth);
+      WriteElevations(tangent, elevation_deg + row * kPacket);
+    }
+  }
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(FindHorizons);
+
+void find_horizons(const MarchPlan& plan, std::span<const MarchPlaces> packets, int azimuths, float* elevation_deg) {
+  HWY_DYNAMIC_DISPATCH(FindHorizons)(plan, packets, azimuths, elevation_deg);
+}
+
+}  // namespace selenograph::engine
+#endif
