@@ -1,5 +1,5 @@
-// The executable: `selenograph serve | render | lidar | map | features | batch | ingest | sample | info |
-// verify`.
+// The executable: `selenograph serve | render | lidar | map | horizons | illumination | features | batch | ingest |
+// sample | info | verify`.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -32,6 +32,8 @@ struct Settings {
   ServeSettings serve;
   RenderSettings render;
   LidarSettings lidar;
+  HorizonsSettings horizons;
+  IlluminationSettings illumination;
   MapSettings map;
   FeaturesSettings features;
   BatchSettings batch;
@@ -80,6 +82,8 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "render", "Render one request to a file", s.render, render);
   add(app, work, "lidar", "Scan the terrain with a lidar", s.lidar, lidar);
   add(app, work, "map", "Draw a map, or a series of them, to files", s.map, map);
+  add(app, work, "horizons", "Find the horizons around a map's pixels or places", s.horizons, horizons);
+  add(app, work, "illumination", "Sum the light of Sun and Earth over a time span", s.illumination, illumination);
   add(app, work, "features", "List the craters or rocks of a detail in a region or frame", s.features, features);
   CLI::App& campaign = add(app, work, "batch", "Render a manifest's frames to a folder", s.batch, batch);
   add(campaign, work, "verify", "Check that every frame of a manifest exists and is undamaged", s.batch_verify,

@@ -62,14 +62,6 @@ OrderedJson irradiance_json(const MetadataSource& s) {
                                    engine::kSolarConstant_w_m2)}};
 }
 
-OrderedJson grid_json(const dem::MapGrid& grid) {
-  return {{"width", grid.width},
-          {"height", grid.height},
-          {"pixel", "a value is that at its pixel's centre"},
-          {"geotransform", dem::geotransform_of(grid)},
-          {"wkt", dem::wkt_of(grid.plane)}};
-}
-
 void add_request(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add("software", free_object("name and version"), [](const MetadataSource&) {
@@ -312,6 +304,14 @@ void add_content(Answer<MetadataSource>& a) {
 }
 
 }  // namespace
+
+OrderedJson grid_json(const dem::MapGrid& grid) {
+  return {{"width", grid.width},
+          {"height", grid.height},
+          {"pixel", "a value is that at its pixel's centre"},
+          {"geotransform", dem::geotransform_of(grid)},
+          {"wkt", dem::wkt_of(grid.plane)}};
+}
 
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
 

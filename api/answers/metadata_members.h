@@ -10,6 +10,8 @@
 namespace selenograph::api {
 
 std::string_view software_version();
+// Returns a map's size, geotransform and coordinate system.
+OrderedJson grid_json(const dem::MapGrid& grid);
 
 // Name of the member with the eclipsed share of the Sun's disc.
 inline constexpr const char* kSunCovered = "sun_covered_fraction";

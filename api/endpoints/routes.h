@@ -29,6 +29,10 @@ Response answer_frame_metadata(const EndpointContext& context);
 void describe_frame_metadata(Operation& operation);
 Response answer_maps(const EndpointContext& context);
 void describe_maps(Operation& operation);
+Response answer_horizons(const EndpointContext& context);
+void describe_horizons(Operation& operation);
+Response answer_illumination(const EndpointContext& context);
+void describe_illumination(Operation& operation);
 Response answer_rays(const EndpointContext& context);
 void describe_rays(Operation& operation);
 Response answer_project(const EndpointContext& context);
@@ -62,6 +66,10 @@ inline constexpr Route kRoutes[] = {
      describe_frame_metadata},
     {"POST", "/v1/maps", "renderMap", "maps", "Renders a map-projected product", true, true, true, answer_maps,
      describe_maps},
+    {"POST", "/v1/horizons", "findHorizons", "maps", "Finds the horizons around the pixels of a map, or around places",
+     true, true, true, answer_horizons, describe_horizons},
+    {"POST", "/v1/illumination", "sumIllumination", "maps", "Sums the light of a time span above the horizons", true,
+     true, true, answer_illumination, describe_illumination},
     {"POST", "/v1/rays", "castRays", "geometry", "Casts arbitrary rays: an altimeter or lidar", true, true, true,
      answer_rays, describe_rays},
     {"POST", "/v1/project", "projectPoints", "geometry", "Projects landmarks into a camera's image", true, true, true,

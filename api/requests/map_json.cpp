@@ -70,6 +70,8 @@ namespace {
 
 constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
 
+}  // namespace
+
 const Members<MapArea>& area_members() {
   static const auto members = make_table<Members<MapArea>>(
       "MapArea",
@@ -102,6 +104,8 @@ const Members<MapArea>& area_members() {
       });
   return *members;
 }
+
+namespace {
 
 // Returns the number of whole pixels that cover a length. An excess below 1e-6 pixels is rounding, not another pixel.
 double pixels_that_cover(double length_m, double gsd_m) {
@@ -145,7 +149,8 @@ Extent place_about_center(const MapArea& area, dem::MapPlane& plane) {
   return {middle.x_m - width_px * area.gsd_m / 2, middle.y_m + height_px * area.gsd_m / 2, width_px, height_px};
 }
 
-// Returns the grid of a map; empty if it is not possible or has too many pixels, which is reported.
+}  // namespace
+
 std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, const Limits& limits) {
   dem::MapGrid grid;
   grid.plane.projection = area.projection;
@@ -181,6 +186,8 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
 }
 
 // --- viewer
+
+namespace {
 
 struct MapView {
   Vec3 direction = Vec3::UnitZ();

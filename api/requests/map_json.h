@@ -25,6 +25,9 @@ struct MapArea {
   double gsd_m = 0;
   std::optional<double> standard_parallel_deg;
 };
+const Members<MapArea>& area_members();
+// Returns the grid of a map; empty if it is not possible or has too many pixels, which is reported.
+std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, const Limits& limits);
 
 // A resolved request for a map: the engine's request, and the area from which its grid follows.
 struct MapQuery : SceneryQuery {

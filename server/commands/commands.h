@@ -14,7 +14,9 @@
 namespace selenograph::server {
 
 struct RenderSettings : RequestSettings {};
-struct LidarSettings : RequestSettings {};  // .npz or .json
+struct LidarSettings : RequestSettings {};         // .npz or .json
+struct HorizonsSettings : RequestSettings {};      // .tif, .npz or .json
+struct IlluminationSettings : RequestSettings {};  // .tif, .npz, .json or .csv
 
 struct MapSettings {
   TerrainSettings terrain;
@@ -110,6 +112,8 @@ struct VerifyMertisSettings {
 
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, LidarSettings& settings);
+void add_options(CLI::App& command, HorizonsSettings& settings);
+void add_options(CLI::App& command, IlluminationSettings& settings);
 void add_options(CLI::App& command, MapSettings& settings);
 void add_options(CLI::App& command, FeaturesSettings& settings);
 void add_options(CLI::App& command, BatchSettings& settings);
@@ -125,6 +129,8 @@ void add_options(CLI::App& command, VerifyMertisSettings& settings);
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
 int lidar(const LidarSettings& settings);
+int horizons(const HorizonsSettings& settings);
+int illumination(const IlluminationSettings& settings);
 int map(const MapSettings& settings);
 int features(const FeaturesSettings& settings);
 int batch(const BatchSettings& settings);

@@ -21,6 +21,7 @@
 #include "api/answers/metadata.h"
 #include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
+#include "api/requests/parts/epochs.h"
 #include "engine/maps/render_map.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -31,7 +32,8 @@ namespace selenograph::server {
 namespace {
 
 namespace fs = std::filesystem;
-using Epoch = std::chrono::sys_seconds;
+using api::Epoch;
+using api::utc_of;
 
 // Extensions of api::kMapAnswers, in the same order.
 constexpr std::string_view kExtensions[] = {".tif", ".npz", ".png"};
@@ -50,17 +52,10 @@ std::string_view media_type_for(const std::string& output) {
 std::string text_of(Epoch epoch, const char* format) {
   return fmt::format(fmt::runtime(format), fmt::gmtime(std::chrono::system_clock::to_time_t(epoch)));
 }
-std::string utc_of(Epoch epoch) { return text_of(epoch, "{:%Y-%m-%dT%H:%M:%SZ}"); }
-
-// Parses "2026-11-20T00:00:00Z", of which the Z may be missing.
+// Parses an epoch of --utc. Throws std::runtime_error.
 Epoch epoch_of(const std::string& text) {
-  std::tm time{};
-  ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
-  const Epoch epoch{std::chrono::seconds(::timegm(&time))};
-  // Write the epoch again and compare: strptime accepts February 30, and text behind the seconds.
-  if (const std::string canonical = utc_of(epoch); text != canonical && text + "Z" != canonical)
-    throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
-  return epoch;
+  if (const auto epoch = api::epoch_of(text)) return *epoch;
+  throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
 }
 
 // Parses "30m": a whole number above 0 and a unit, together at most 36600 days.

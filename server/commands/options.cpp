@@ -51,6 +51,29 @@ void add_options(CLI::App& command, LidarSettings& s) {
   add_options(command, s.terrain);
 }
 
+void add_options(CLI::App& command, HorizonsSettings& s) {
+  command.add_option("request", s.request, "Read JSON as for POST /v1/horizons from this file; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command
+      .add_option("-o,--output", s.output, "Write the horizons to this file: of a map .tif .npz, of places .json .npz")
+      ->required()
+      ->type_name("OUT");
+  add_options(command, s.terrain);
+}
+
+void add_options(CLI::App& command, IlluminationSettings& s) {
+  command.add_option("request", s.request, "Read JSON as for POST /v1/illumination from this file; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command
+      .add_option("-o,--output", s.output,
+                  "Write the light to this file: of a map .tif .npz, of places .csv .json .npz")
+      ->required()
+      ->type_name("OUT");
+  add_options(command, s.terrain);
+}
+
 void add_options(CLI::App& command, MapSettings& s) {
   command.add_option("request", s.request, "Read JSON as for POST /v1/maps from this file; -: standard input")
       ->required()

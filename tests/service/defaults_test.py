@@ -24,6 +24,7 @@ SENSOR = {"optics": {"f_number": 4.0}, "motion": {},
           "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.001, "gain_e_dn": 50.0}}
 LIDAR = {"divergence_mrad": 1, "pulse_length_ns": 4, "wavelength_um": 1.064, "threshold": 5, "range_gate_m": [10, 40000]}
 AT_TIMES = [{"time_s": t, "pose": POSE} for t in (0.0, 1.0)]
+GROUND = {"lat_deg": 26.1, "lon_deg": 3.6}
 MAP = {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000, "gsd_m": 200}
 # Beside the document's examples: what else may be left out.
 BODIES = {
@@ -63,6 +64,9 @@ BODIES = {
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "beams", "directions": [[0, 0, 1]]}, {"pulses": [{"direction": [0, 0, 1]}], "objects": [OBJECT]}),
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "flash", "columns": 2, "rows": 1, "fov_x_deg": 1}, {"surface": {"reflectance": {}}, "detail": "highlands", "craters": {}}),
         )),
+    "/v1/horizons": ({"places": [GROUND], "horizon": {"azimuths": 8, "farthest_km": 2}},),
+    "/v1/illumination": ({"places": [GROUND], "from_utc": "2026-11-20T00:00:00Z", "to_utc": "2026-11-20T03:00:00Z",
+                          "horizon": {"azimuths": 8, "farthest_km": 2}},),
     "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
     "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {
         "south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}},),

@@ -191,6 +191,16 @@ class EveryAnswer(Documented):
         maps = next(o for o in self.operations if o.path == "/v1/maps")
         for media_type in maps.responses["200"]["content"]:
             self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
+        for path, map_type in (("/v1/horizons", "image/tiff"), ("/v1/illumination", "image/tiff")):
+            operation = next(o for o in self.operations if o.path == path)
+            example = next(iter(operation.examples.values()))
+            area = {"map": {"projection": "orthographic", "center": {"lat_deg": 26.1322, "lon_deg": 3.6339}, "width_m": 200,
+                            "height_m": 200, "gsd_m": 100}}
+            place = {"places": [{"lat_deg": 26.1322, "lon_deg": 3.6339}]}
+            rest = {name: value for name, value in example.items() if name not in ("map", "places")}
+            for media_type in operation.responses["200"]["content"]:
+                body = {**rest, **(area if media_type == map_type else place)}
+                self.check(operation, operation.ask(service, body, Accept=media_type), 200)
         for path in ("/v1/features", "/v1/sky", "/v1/limb", "/v1/rays", "/v1/project", "/v1/lidar"):
             operation = next(o for o in self.operations if o.path == path)
             for media_type in operation.responses["200"]["content"]:

@@ -98,9 +98,22 @@ class PlotTest(unittest.TestCase):
         self.assertTrue(last.startswith(f"deploy/plot: {folder}: "), done.stderr)
         self.assertIn(words, last)
 
+    def test_illumination_draws_the_series(self):
+        folder = harness.path("season")
+        os.makedirs(folder)
+        places = [{"lat_deg": 0.5, "lon_deg": 29.5}, {"lat_deg": 0.6, "lon_deg": 29.2}]
+        request = {"places": places, "from_utc": "2026-11-20T00:00:00Z", "to_utc": "2027-01-20T00:00:00Z", "step_s": 14400,
+                   "horizon": {"azimuths": 36, "farthest_km": 20}}
+        with open(os.path.join(folder, "request.json"), "w") as file:
+            json.dump(request, file)
+        done = harness.run("illumination", os.path.join(folder, "request.json"), "-o", os.path.join(folder, "illumination.csv"),
+                           "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.drawn(folder, "illumination.png")
+
     def test_invalid_results_are_refused(self):
         self.refused(harness.path("nowhere"), "no such folder")
-        self.refused(harness.path("dem"), "nothing that `selenograph verify` writes")
+        self.refused(harness.path("dem"), "nothing that `selenograph verify` or `illumination` writes")
         source = os.path.join(self.round_trip(), "camera")
         broken = harness.path("broken")
         os.mkdir(broken)

@@ -1,0 +1,92 @@
+// POST /v1/horizons and POST /v1/illumination.
+#include <algorithm>
+#include <limits>
+
+#include "api/answers/horizons_answer.h"
+#include "api/endpoints/routes.h"
+
+namespace selenograph::api {
+namespace {
+
+std::vector<Vec3> directions_of(const std::vector<Geographic>& places) {
+  std::vector<Vec3> directions;
+  for (const Geographic& place : places) directions.push_back(local_axes(place.lat_deg, place.lon_deg).up);
+  return directions;
+}
+
+HorizonsFound find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
+  if (query.area) {
+    engine::MapHorizons found = engine::map_horizons(query.grid, query.horizon, rendering);
+    return {std::move(found.elevation_deg), found.report};
+  }
+  HorizonsFound found;
+  const auto azimuths = static_cast<std::size_t>(query.horizon.azimuths);
+  found.elevation_deg.assign(azimuths * query.size(), std::numeric_limits<float>::quiet_NaN());
+  const auto store = [&](const engine::PacketHorizons& packet) {
+    for (std::size_t lane = 0; lane < engine::kPacket; ++lane) {
+      if (packet.index[lane] < 0) continue;
+      for (std::size_t k = 0; k < azimuths; ++k)
+        found.elevation_deg[k * query.size() + static_cast<std::size_t>(packet.index[lane])] =
+            packet.elevation_deg[k * engine::kPacket + lane];
+    }
+  };
+  found.report = engine::find_place_horizons(directions_of(query.places), query.horizon, rendering, store);
+  return found;
+}
+
+LightFound find_light_of(const IlluminationQuery& query, const engine::RenderContext& rendering) {
+  const engine::BodySeries bodies = engine::bodies_at(query.epochs, query.step_s);
+  if (query.area) return {engine::illumination_of_map(query.grid, query.horizon, bodies, rendering), {}, {}};
+  engine::IlluminationSeries series =
+      engine::illumination_of_places(directions_of(query.places), query.horizon, bodies, rendering);
+  return {std::move(series.summary), std::move(series.sun), std::move(series.earth)};
+}
+
+// Returns the answer that find(query, rendering context) makes.
+Response answer_by(const EndpointContext& context, const auto& query, std::span<const Alternative> alternatives,
+                   const auto& find) {
+  const std::string_view media_type =
+      accepted(context, alternatives, [&](std::string_view type) { return holds(query, type); });
+  if (!holds(query, media_type))
+    throw RequestError("not_acceptable", query.area ? "a map is answered as image/tiff or application/x-npz"
+                                                    : "places are not answered as image/tiff");
+  context.memory.claim_work(bytes_of(query), query.pointer(), context.stop);
+  const auto found = with_refusals_at({}, query.pointer(), [&] {
+    return context.renderer.query(query.detail.content, context.stop,
+                                  [&](const engine::RenderContext& rendering) { return find(query, rendering); });
+  });
+  return negotiated(context, media_type, encode(query, found, media_type, context.stop));
+}
+
+}  // namespace
+
+Response answer_horizons(const EndpointContext& context) {
+  const HorizonsQuery query = read_horizons(json_body(context), context.limits, context.assets, context.stop);
+  return answer_by(context, query, kHorizonsAnswers, find_horizons_of);
+}
+
+Response answer_illumination(const EndpointContext& context) {
+  const IlluminationQuery query = read_illumination(json_body(context), context.limits, context.assets, context.stop);
+  return answer_by(context, query, kIlluminationAnswers, find_light_of);
+}
+
+void describe_horizons(Operation& o) {
+  o.describe(
+      "Elevation of the horizon around an eye at or above the ground, with the Moon's curvature and all layers of the "
+      "terrain. Ground that would raise a horizon by less than 0.003 degrees may be missed. Void ground is ignored.");
+  o.body("/v1/horizons", horizons_members());
+  o.answer_as_accepted(kHorizonsAnswers, "HorizonsAnswer", {"Vary"});
+  o.schema("HorizonsAnswer", horizons_schema());
+}
+
+void describe_illumination(Operation& o) {
+  o.describe(
+      "Visible shares of the Sun's disc, with limb darkening as in frames, and of the Earth's disc, a sphere of 6371 "
+      "km, "
+      "above the horizons of POST /v1/horizons, at epochs in equal steps. Frames cast exact shadows of their own.");
+  o.body("/v1/illumination", illumination_members());
+  o.answer_as_accepted(kIlluminationAnswers, "IlluminationAnswer", {"Vary"});
+  o.schema("IlluminationAnswer", illumination_schema());
+}
+
+}  // namespace selenograph::api

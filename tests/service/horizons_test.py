@@ -1,0 +1,129 @@
+#!/usr/bin/env python3
+"""POST /v1/horizons and /v1/illumination, and their commands: against closed forms and against the discs of maps."""
+
+import csv
+import io
+import json
+import unittest
+
+import numpy as np
+from osgeo import gdal
+
+import harness
+from harness import Service
+
+gdal.UseExceptions()
+
+RADIUS_M = 1737400.0
+PLACE = {"lat_deg": -6.5, "lon_deg": 40.0}
+AREA = {"projection": "orthographic", "center": PLACE, "width_m": 3200, "height_m": 3200, "gsd_m": 50}
+HORIZON = {"azimuths": 720, "farthest_km": 60}
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", "--south-deg", "-8", "--west-deg", "39", "--rows", "2", "--columns", "2", "--ppd", "256")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class Horizons(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.service.expect_clean_stop()
+
+    def ask(self, path, body, accept="application/json"):
+        status, headers, content = self.service.post(path, body, accept)
+        self.assertEqual((status, headers["Content-Type"]), (200, accept), content[:500])
+        return json.loads(content) if accept == "application/json" else content
+
+    def test_the_shares_are_those_of_discs(self):
+        """Of the pixels of a map, low Suns in the west and the east: `lit` is by rays to the Sun's disc."""
+        checked = 0
+        for day in range(1, 29):
+            utc = f"2026-12-{day:02}T00:00:00Z"
+            light = self.service.arrays({"map": AREA, "from_utc": utc, "to_utc": utc, "horizon": HORIZON}, "/v1/illumination")
+            share = light["sun_mean"]
+            if not 0.05 < share.mean() < 0.95:
+                continue
+            lit = self.service.arrays({"map": AREA, "sun": {"utc": utc, "angular_radius_deg": "sun"}, "products": ["lit"],
+                                       "accuracy": {"max_error_px": 0, "max_shadow_error_px": 0.05}}, "/v1/maps")["lit"]
+            error = share - lit
+            self.assertLess(abs(np.nanmean(error)), 0.01, utc)
+            self.assertLess(np.nanmean(np.abs(error)), 0.02, utc)
+            checked += 1
+        self.assertGreaterEqual(checked, 2)
+
+    def test_maps_places_and_files_agree(self):
+        """A pixel's horizon is that of its place; the GeoTIFF, which GDAL places, holds what the npz holds."""
+        small = {"map": {**AREA, "width_m": 400, "height_m": 400, "gsd_m": 100}, "horizon": {**HORIZON, "azimuths": 36}}
+        arrays = self.service.arrays(small, "/v1/horizons")
+        elevation = arrays["elevation_deg"]
+        self.assertEqual(elevation.shape, (36, 4, 4))
+        self.assertEqual(list(arrays["azimuth_deg"][:3]), [0, 10, 20])
+        harness.write("request.json", small)
+        done = harness.run("horizons", harness.path("request.json"), "-o", harness.path("horizons.tif"), "--dem",
+                           harness.path("dem"), "--cache-dir", harness.path("cache"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        image = gdal.Open(harness.path("horizons.tif"))
+        np.testing.assert_array_equal(image.ReadAsArray(), elevation)
+        self.assertEqual(image.GetRasterBand(4).GetDescription(), "horizon at azimuth 30")
+        transform = image.GetGeoTransform()
+        lat = PLACE["lat_deg"] + np.degrees((transform[3] - 150) / RADIUS_M)
+        lon = PLACE["lon_deg"] + np.degrees((transform[0] + 150) / RADIUS_M / np.cos(np.radians(lat)))
+        place = self.ask("/v1/horizons", {"places": [{"lat_deg": lat, "lon_deg": lon}], "horizon": small["horizon"]})["places"][0]
+        # Reliefs have other centres: the heights are interpolated at other posts.
+        np.testing.assert_allclose(place["elevation_deg"], elevation[:, 1, 1], atol=0.2)
+
+    def test_from_above_the_horizon_dips(self):
+        low, high = (self.ask("/v1/horizons", {"places": [PLACE], "horizon": {**HORIZON, "azimuths": 16, "height_above_ground_m": h}})
+                     ["places"][0]["elevation_deg"] for h in (0, 3000))
+        self.assertTrue(all(a > b for a, b in zip(low, high)))
+        # The sphere's dip from 3 km, give or take the relief of the sample terrain.
+        dip_deg = -np.degrees(np.arccos(RADIUS_M / (RADIUS_M + 3000)))
+        self.assertLess(np.abs(np.array(high) - dip_deg).max(), 3)
+
+    def test_series_and_statistics(self):
+        body = {"places": [PLACE, {"lat_deg": -6.6, "lon_deg": 40.2}], "from_utc": "2026-11-20T00:00:00Z",
+                "to_utc": "2027-01-18T00:00:00Z", "step_s": 7200, "horizon": {**HORIZON, "azimuths": 180}}
+        answer = self.ask("/v1/illumination", body)
+        self.assertEqual(answer["meta"]["epochs"], 709)
+        rows = list(csv.reader(io.StringIO(self.ask("/v1/illumination", body, "text/csv").decode())))
+        self.assertEqual(rows[0], ["utc", "sun_1", "earth_1", "sun_2", "earth_2"])
+        self.assertEqual((rows[1][0], rows[-1][0], len(rows)), ("2026-11-20T00:00:00Z", "2027-01-18T00:00:00Z", 710))
+        arrays = self.service.arrays(body, "/v1/illumination")
+        for i, place in enumerate(answer["places"]):
+            sun = np.array(place["sun"])
+            np.testing.assert_allclose([float(row[1 + 2 * i]) for row in rows[1:]], sun, rtol=1e-5)
+            np.testing.assert_array_equal(np.float32(sun), arrays["sun"][:, i])
+            self.assertAlmostEqual(place["sun_mean"], sun.mean(), 5)
+            self.assertLess(abs(place["sun_mean"] - 0.5), 0.05)  # two lunations, near the equator
+            runs = "".join("n" if share == 0 else "d" for share in sun).replace("d", " ").split()
+            self.assertEqual(place["nights"], len(runs))
+            self.assertEqual(place["longest_night_h"], 2 * max(map(len, runs)))
+            self.assertGreater(place["longest_night_h"], 300)
+            self.assertEqual(place["longest_without_earth_h"], 0)  # it stands high over 40 degrees east
+            self.assertEqual(place["earth_mean"], 1)
+
+    def test_refusals(self):
+        valid = {"places": [PLACE], "from_utc": "2026-11-20T00:00:00Z", "to_utc": "2026-11-21T00:00:00Z"}
+        for change, pointer in (({"to_utc": "2026-11-19T00:00:00Z"}, "/to_utc"), ({"from_utc": "November"}, "/from_utc"),
+                                ({"step_s": 0.5}, "/step_s"), ({"step_s": 90.5}, "/step_s"), ({"map": AREA}, "/places"),
+                                ({"horizon": {"azimuths": 7}}, "/horizon/azimuths")):
+            status, _, body = self.service.post("/v1/illumination", {**valid, **change})
+            self.assertEqual(status, 422, change)
+            self.assertIn(pointer, [error["pointer"] for error in json.loads(body)["errors"]])
+        self.assertEqual(self.service.post("/v1/illumination", valid, "image/tiff")[0], 406)
+        void = self.ask("/v1/horizons", {"places": [{"lat_deg": 60, "lon_deg": 0}], "horizon": {"azimuths": 8, "farthest_km": 5}})
+        self.assertEqual(void["places"][0]["elevation_deg"], [None] * 8)
+        self.assertEqual(void["meta"]["missing_places"], 1)
+
+
+if __name__ == "__main__":
+    harness.main()
