@@ -5,7 +5,6 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
-#include <random>
 #include <vector>
 
 #include "dem/base/parallel.h"
@@ -133,48 +132,6 @@ class HorizonsOfTerrain : public test::SampleScenery {
         nullptr, {}, [&](const RenderContext& context) { return map_horizons(grid(), options, context); });
   }
 };
-
-// Returns the errors at random pixels and azimuths against the triangles that frames show, deg, smallest first.
-std::vector<double> errors_against_triangles(const dem::MapGrid& grid, const MapHorizons& found,
-                                             const HorizonOptions& options, const dem::Terrain& terrain) {
-  const Ground ground = [&](const Vec3& d) {
-    const Geographic place = to_geographic(d * kMoonRadius_m);
-    return terrain.height(place.lat_deg, place.lon_deg).height_m;
-  };
-  const dem::MapTransform map(grid.plane);
-  std::mt19937 random(3);
-  const auto pick = [&](int count) { return static_cast<int>(random() % static_cast<unsigned>(count)); };
-  std::vector<double> errors_deg;
-  for (int i = 0; i < 60; ++i) {
-    const int column = pick(grid.width), row = pick(grid.height), azimuth = pick(options.azimuths);
-    const double azimuth_rad = 2 * std::numbers::pi * azimuth / options.azimuths;
-    const Vec3 up = map.direction(grid.point(column, row)).value();
-    const double near_deg = brute_force_deg(ground, up, azimuth_rad, options.height_above_ground_m, 0.5, 200);
-    const double far_deg =
-        brute_force_deg(ground, up, azimuth_rad, options.height_above_ground_m, 7.5, options.farthest_m);
-    const int index = (azimuth * grid.height + row) * grid.width + column;
-    const auto found_deg = static_cast<double>(found.elevation_deg[static_cast<std::size_t>(index)]);
-    errors_deg.push_back(std::abs(found_deg - std::max(near_deg, far_deg)));
-  }
-  std::sort(errors_deg.begin(), errors_deg.end());
-  return errors_deg;
-}
-
-TEST_F(HorizonsOfTerrain, AsByBruteForce) {
-  HorizonOptions options{.azimuths = 90, .height_above_ground_m = 10, .farthest_m = 2.5e4};
-  const MapHorizons above = find(options);
-  EXPECT_EQ(above.report.missing_places, 0U);
-  const std::vector<double> above_deg = errors_against_triangles(grid(), above, options, *scenery().terrain);
-  EXPECT_LT(above_deg[30], 0.004);
-  EXPECT_LT(above_deg[57], 0.02);
-  EXPECT_LT(above_deg.back(), 0.1);
-  // On the ground the horizon is often the slope within a post, where the relief's cells round the triangles' edges.
-  options.height_above_ground_m = 0;
-  const std::vector<double> on_ground_deg =
-      errors_against_triangles(grid(), find(options), options, *scenery().terrain);
-  EXPECT_LT(on_ground_deg[30], 0.004);
-  EXPECT_LT(on_ground_deg[51], 0.1);
-}
 
 TEST_F(HorizonsOfTerrain, ThreadsChangeNoBit) {
   const HorizonOptions options{.azimuths = 24, .height_above_ground_m = 2, .farthest_m = 1e4};
