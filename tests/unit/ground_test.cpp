@@ -109,8 +109,8 @@ TEST(Ground, OfTheLastMetresIsAsHighAsMeasured) {
   EXPECT_TRUE(ground_roughness(shipped("mare"), 4).empty());
 }
 
-// What an albedo map's mean is must stay; the deviation and the bright share are those that the law was chosen for. Steep
-// walls are half a percent of the ground.
+// What an albedo map's mean is must stay; the deviation and the bright share are those that the law was chosen for.
+// Steep walls are half a percent of the ground.
 TEST(Ground, YoungCratersMakeAFewPercentBright) {
   const std::vector<AlbedoRow> rows = ground_albedo(shipped("landing"), 60);
   ASSERT_EQ(rows.size(), 3U);
