@@ -110,13 +110,14 @@ TEST(Ground, OfTheLastMetresIsAsHighAsMeasured) {
 }
 
 // What an albedo map's mean is must stay; the deviation and the bright share are those that the law was chosen for.
+// Steep walls are half a percent of the ground.
 TEST(Ground, YoungCratersMakeAFewPercentBright) {
   const std::vector<AlbedoRow> rows = ground_albedo(shipped("landing"), 60);
   ASSERT_EQ(rows.size(), 3U);
   for (const AlbedoRow& row : rows) {
     EXPECT_NEAR(row.mean, 1, 0.015) << row.pixel_m;
     EXPECT_NEAR(row.deviation, 0.1, 0.03) << row.pixel_m;
-    EXPECT_NEAR(row.bright_share, 0.03, 0.02) << row.pixel_m;
+    EXPECT_NEAR(row.bright_share, 0.035, 0.02) << row.pixel_m;
   }
 }
 
