@@ -88,7 +88,9 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
     EXPECT_LT(found.worst, c.worst) << c.elevation_deg << " " << c.spacing_px;
     if (c.elevation_deg >= 2) {
       EXPECT_GE(found.shadow_ratio, IndirectLight::shadow_light_at_least(c.elevation_deg).value());
-      EXPECT_NEAR(found.shadow_ratio, 1, 0.03) << c.elevation_deg << " " << c.spacing_px;
+      if (c.spacing_px == IndirectLight::kDefaultSpacing_px) {
+        EXPECT_NEAR(found.shadow_ratio, 1, 0.03) << c.elevation_deg;
+      }
     }
   }
 }
