@@ -60,6 +60,36 @@ class Horizons(unittest.TestCase):
             checked += 1
         self.assertGreaterEqual(checked, 2)
 
+    def test_rays_pass_just_above_and_hit_just_below(self):
+        """From eyes 2 m above places at random, by rays to the triangles that frames show."""
+        random = np.random.default_rng(7)
+        places = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(random.uniform(-7.5, -6.5, 40), random.uniform(39.5, 40.5, 40))]
+        horizon = {**HORIZON, "azimuths": 16, "height_above_ground_m": 2}
+        answer = self.ask("/v1/horizons", {"places": places, "horizon": horizon})["places"]
+        ground = [p["height_m"] for p in json.loads(self.service.post("/v1/heights", {"points": places})[2])["points"]]
+        offsets_deg = np.array([-0.1, -0.015, -0.005, 0.005, 0.015, 0.1])
+        rays = []
+        for place, found, height_m in zip(places, answer, ground):
+            lat, lon = np.radians([place["lat_deg"], place["lon_deg"]])
+            up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+            east = np.array([-np.sin(lon), np.cos(lon), 0])
+            north = np.cross(up, east)
+            origin = (RADIUS_M + height_m + 2) * up
+            for k, elevation_deg in enumerate(found["elevation_deg"]):
+                azimuth = 2 * np.pi * k / len(found["elevation_deg"])
+                level = np.cos(azimuth) * north + np.sin(azimuth) * east
+                for elevation in np.radians(elevation_deg + offsets_deg):
+                    rays.append({"origin_m": list(origin), "direction": list(np.cos(elevation) * level + np.sin(elevation) * up)})
+        status, _, body = self.service.post("/v1/rays", {"rays": rays})
+        self.assertEqual(status, 200, body[:300])
+        hit = np.array([ray["hit"] for ray in json.loads(body)["rays"]]).reshape(-1, len(offsets_deg))
+        wrong = (hit != (offsets_deg < 0)).mean(axis=0)
+        shares = dict(zip(offsets_deg.tolist(), wrong.round(4).tolist()))
+        print("share of rays on the wrong side, by offset:", shares)
+        self.assertLess(wrong[[0, 5]].max(), 0.002, shares)
+        self.assertLess(wrong[[1, 4]].max(), 0.01, shares)
+        self.assertLess(wrong[[2, 3]].max(), 0.1, shares)
+
     def test_maps_places_and_files_agree(self):
         """A pixel's horizon is that of its place; the GeoTIFF, which GDAL places, holds what the npz holds."""
         small = {"map": {**AREA, "width_m": 400, "height_m": 400, "gsd_m": 100}, "horizon": {**HORIZON, "azimuths": 36}}
