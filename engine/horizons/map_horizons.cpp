@@ -80,10 +80,10 @@ class HorizonSearch {
     report_.min_spacing_m = std::numeric_limits<double>::infinity();
   }
 
-  // Returns the shape of a tile's relief, which has half the spacing of the finest posts: triangles and the relief's
-  // cells differ by an eighth of what they would with the posts' spacing.
+  // Returns the shape of a tile's relief. Its finest spacing is an eighth of the posts': where triangles meet, its cells
+  // round the edge by an eighth of what they would with the posts' spacing, and crests would be too low.
   HorizonReliefShape shape_of(const PlaceTile& tile) const {
-    const double spacing_m = finest_spacing_m(tile, context_.terrain) / 2;
+    const double spacing_m = finest_spacing_m(tile, context_.terrain) / 8;
     return {tile.centre, tile.half_m, spacing_m, options_.farthest_m};
   }
   static bool fits(const HorizonReliefShape& shape) {
