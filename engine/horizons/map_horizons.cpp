@@ -80,8 +80,8 @@ class HorizonSearch {
     report_.min_spacing_m = std::numeric_limits<double>::infinity();
   }
 
-  // Returns the shape of a tile's relief. Its finest spacing is an eighth of the posts': where triangles meet, its cells
-  // round the edge by an eighth of what they would with the posts' spacing, and crests would be too low.
+  // Returns the shape of a tile's relief. Its finest spacing is an eighth of the posts', because its cells round the
+  // edges of triangles and so lower crests.
   HorizonReliefShape shape_of(const PlaceTile& tile) const {
     const double spacing_m = finest_spacing_m(tile, context_.terrain) / 8;
     return {tile.centre, tile.half_m, spacing_m, options_.farthest_m};

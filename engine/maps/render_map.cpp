@@ -78,7 +78,8 @@ PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, cons
     for (std::size_t row = first; row < past_last; ++row)
       for (int column = 0; column < patch.width; ++column)
         out.up[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
-            map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN64));
+            map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row)))
+                .value_or(Vec3::Constant(kNaN64));
   });
   Vec3 sum = Vec3::Zero();
   for (const Vec3& d : out.up)

@@ -64,7 +64,7 @@ BODIES = {
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "beams", "directions": [[0, 0, 1]]}, {"pulses": [{"direction": [0, 0, 1]}], "objects": [OBJECT]}),
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "flash", "columns": 2, "rows": 1, "fov_x_deg": 1}, {"surface": {"reflectance": {}}, "detail": "highlands", "craters": {}}),
         )),
-    "/v1/horizons": ({"places": [GROUND], "horizon": {"azimuths": 8, "farthest_km": 2}},),
+    "/v1/horizons": ({"places": [GROUND], "horizon": {}},),
     "/v1/illumination": ({"places": [GROUND], "from_utc": "2026-11-20T00:00:00Z", "to_utc": "2026-11-20T03:00:00Z",
                           "horizon": {"azimuths": 8, "farthest_km": 2}},),
     "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
