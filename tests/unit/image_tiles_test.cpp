@@ -31,8 +31,8 @@ class ImageTiles : public test::SphereMesh {
       std::iota(tile.strips.begin(), tile.strips.end(), 0U);
       TileBuffer all;
       tiling.draw(tile, dx, dy, lens, boxes, all);
-      EXPECT_EQ(listed.triangle, all.triangle) << "tile at " << tile.x0 << ", " << tile.y0 << ", samples at " << dx
-                                               << ", " << dy;
+      EXPECT_EQ(listed.triangle, all.triangle)
+          << "tile at " << tile.x0 << ", " << tile.y0 << ", samples at " << dx << ", " << dy;
     }
   }
 };
