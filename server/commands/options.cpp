@@ -29,49 +29,33 @@ std::string refusal_of_seed(const std::string& text) {
              : std::string();
 }
 
+// Adds the options of a command that writes one endpoint's answer.
+void add_request_options(CLI::App& command, RequestSettings& s, const std::string& path, const std::string& output) {
+  command.add_option("request", s.request, "Read JSON as for POST " + path + " from this file; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, output)->required()->type_name("OUT");
+  add_options(command, s.terrain);
+}
+
 }  // namespace
 
 void add_options(CLI::App& command, RenderSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/frames from this file; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, "Write the frame to this file: .png .tiff .exr .npy .npz .raw")
-      ->required()
-      ->type_name("OUT");
-  add_options(command, s.terrain);
+  add_request_options(command, s, "/v1/frames", "Write the frame to this file: .png .tiff .exr .npy .npz .raw");
 }
 
 void add_options(CLI::App& command, LidarSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/lidar from this file; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, "Write the returns to this file: .npz .json")
-      ->required()
-      ->type_name("OUT");
-  add_options(command, s.terrain);
+  add_request_options(command, s, "/v1/lidar", "Write the returns to this file: .npz .json");
 }
 
 void add_options(CLI::App& command, HorizonsSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/horizons from this file; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command
-      .add_option("-o,--output", s.output, "Write the horizons to this file: of a map .tif .npz, of places .json .npz")
-      ->required()
-      ->type_name("OUT");
-  add_options(command, s.terrain);
+  add_request_options(command, s, "/v1/horizons",
+                      "Write the horizons to this file: of a map .tif .npz, of places .json .npz");
 }
 
 void add_options(CLI::App& command, IlluminationSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/illumination from this file; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command
-      .add_option("-o,--output", s.output,
-                  "Write the light to this file: of a map .tif .npz, of places .csv .json .npz")
-      ->required()
-      ->type_name("OUT");
-  add_options(command, s.terrain);
+  add_request_options(command, s, "/v1/illumination",
+                      "Write the light to this file: of a map .tif .npz, of places .csv .json .npz");
 }
 
 void add_options(CLI::App& command, MapSettings& s) {
