@@ -7,8 +7,8 @@ DEM is a folder of tiles; the camera looks straight down from so high above the 
 as '{"detail": "landing"}' or '{"indirect": {"terrain": true}}'. Frames are 1024 x 1024 pixels of `radiance` as
 octet-stream, 50 degrees wide, Sun at 15 degrees. Hovering, the camera turns by 0.001 degrees a frame, and one service
 is asked for both frames in turn, N times. First frames are those of services that start on a cache folder with the
-tiles' pyramids and without made ground, as often as --starts says. Printed are medians: the client's wall time and, in brackets, the ratio;
-hovering, the service's processor time, too.
+tiles' pyramids and without made ground, as often as --starts says. Printed are medians: the client's wall time and, in
+brackets, the ratio; hovering, the service's processor time, too.
 """
 
 import argparse
