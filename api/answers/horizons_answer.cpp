@@ -94,7 +94,7 @@ std::size_t bytes_of(const IlluminationQuery& query) {
   return query.size() * kBytesPerPlace + query.epochs.size() * query.places.size() * kBytesPerText;
 }
 
-std::string encode(const HorizonsQuery& query, const HorizonsFound& found, std::string_view media_type,
+std::string encode(const HorizonsQuery& query, const engine::Horizons& found, std::string_view media_type,
                    const StopToken& stop) {
   const OrderedJson meta = meta_of(query, found.report, resolved_json(query));
   const auto azimuths = static_cast<std::size_t>(query.horizon.azimuths);
@@ -122,19 +122,18 @@ std::string encode(const HorizonsQuery& query, const HorizonsFound& found, std::
   return json_line(OrderedJson{{"places", std::move(places)}, {"meta", meta}});
 }
 
-std::string encode(const IlluminationQuery& query, const LightFound& found, std::string_view media_type,
+std::string encode(const IlluminationQuery& query, const engine::IlluminationSeries& found, std::string_view media_type,
                    const StopToken& stop) {
-  OrderedJson meta = meta_of(query, found.statistics.report, resolved_json(query));
+  OrderedJson meta = meta_of(query, found.summary.report, resolved_json(query));
   meta["epochs"] = query.epochs.size();
   if (media_type == "image/tiff") {
     std::vector<dem::MapBand> bands;
-    for (const Statistic& s : kStatistics) bands.push_back({s.name, s.unit, (found.statistics.*s.values).data()});
+    for (const Statistic& s : kStatistics) bands.push_back({s.name, s.unit, (found.summary.*s.values).data()});
     return dem::geotiff_bytes(query.grid, bands, json_ascii(meta), stop);
   }
   if (media_type == "application/x-npz") {
     std::vector<ArrayView> arrays;
-    for (const Statistic& s : kStatistics)
-      arrays.push_back(array_of(s.name, found.statistics.*s.values, shape_of(query)));
+    for (const Statistic& s : kStatistics) arrays.push_back(array_of(s.name, found.summary.*s.values, shape_of(query)));
     if (!query.area)
       for (const auto& [name, values] : {std::pair("sun", &found.sun), std::pair("earth", &found.earth)})
         arrays.push_back(array_of(name, *values, with_first(query.epochs.size(), shape_of(query))));
@@ -155,7 +154,7 @@ std::string encode(const IlluminationQuery& query, const LightFound& found, std:
   OrderedJson places = OrderedJson::array();
   for (std::size_t i = 0; i < query.places.size(); ++i) {
     OrderedJson item = place_json(query.places[i]);
-    for (const Statistic& s : kStatistics) item[s.name] = number_json((found.statistics.*s.values)[i]);
+    for (const Statistic& s : kStatistics) item[s.name] = number_json((found.summary.*s.values)[i]);
     item["sun"] = column_json(found.sun, i, query.places.size());
     item["earth"] = column_json(found.earth, i, query.places.size());
     places.push_back(std::move(item));

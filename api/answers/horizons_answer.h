@@ -24,9 +24,8 @@ inline constexpr Alternative kHorizonsAnswers[] = {
 };
 inline constexpr Alternative kIlluminationAnswers[] = {
     {"image/tiff",
-     "of a map: GeoTIFF of float32, bands sun_mean, earth_mean, longest_night_h, nights, longest_without_earth_h; NaN: "
-     "no "
-     "data"},
+     "of a map: GeoTIFF of float32, bands sun_mean, earth_mean, longest_night_h, nights, "
+     "longest_without_earth_h; NaN: no data"},
     {"application/json", "of places: statistics and series of each"},
     {"application/x-npz",
      "the same as arrays: height x width of a map; of places the statistics, and `sun` and `earth` as epochs x places; "
@@ -36,24 +35,14 @@ inline constexpr Alternative kIlluminationAnswers[] = {
 // Returns true if a media type can hold the answer.
 bool holds(const HorizonsQuery& query, std::string_view media_type);
 
-// Horizons of a map or of places: [azimuth * size + index], NaN without data.
-struct HorizonsFound {
-  std::vector<float> elevation_deg;
-  engine::HorizonReport report;
-};
-// Light of a map, or of places with series.
-struct LightFound {
-  engine::Illumination statistics;
-  std::vector<float> sun, earth;  // [epoch * places + place]; empty for a map
-};
-
 // Return upper bounds of the memory for finding and encoding an answer.
 std::size_t bytes_of(const HorizonsQuery& query);
 std::size_t bytes_of(const IlluminationQuery& query);
 
-std::string encode(const HorizonsQuery& query, const HorizonsFound& found, std::string_view media_type,
+std::string encode(const HorizonsQuery& query, const engine::Horizons& found, std::string_view media_type,
                    const StopToken& stop);
-std::string encode(const IlluminationQuery& query, const LightFound& found, std::string_view media_type,
+// `found`: of a map without series.
+std::string encode(const IlluminationQuery& query, const engine::IlluminationSeries& found, std::string_view media_type,
                    const StopToken& stop);
 
 // Return the schemas of the JSON answers.

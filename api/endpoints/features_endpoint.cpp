@@ -42,9 +42,8 @@ void describe_features(Operation& o) {
   o.describe(
       "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
       "first. The DEM's posts at its centre decide whether it is shown; one covered by others of its octave of "
-      "diameters is left out. The same crater has the same id in every answer. Rocks smaller than `rocks.smallest_m` "
-      "of "
-      "the detail are part of its heights, and not listed.");
+      "diameters is left out. The same crater has the same id in every answer. Rocks smaller than the detail's "
+      "`rocks.smallest_m` are part of its heights, and not listed.");
   o.body("/v1/features", features_members());
   o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary", "Selenograph-Warnings"});
   OrderedJson crater = feature_schema("A crater of the detail.", crater_columns()),

@@ -1,7 +1,4 @@
 // POST /v1/horizons and POST /v1/illumination.
-#include <algorithm>
-#include <limits>
-
 #include "api/answers/horizons_answer.h"
 #include "api/endpoints/routes.h"
 
@@ -14,32 +11,15 @@ std::vector<Vec3> directions_of(const std::vector<Geographic>& places) {
   return directions;
 }
 
-HorizonsFound find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
-  if (query.area) {
-    engine::MapHorizons found = engine::map_horizons(query.grid, query.horizon, rendering);
-    return {std::move(found.elevation_deg), found.report};
-  }
-  HorizonsFound found;
-  const auto azimuths = static_cast<std::size_t>(query.horizon.azimuths);
-  found.elevation_deg.assign(azimuths * query.size(), std::numeric_limits<float>::quiet_NaN());
-  const auto store = [&](const engine::PacketHorizons& packet) {
-    for (std::size_t lane = 0; lane < engine::kPacket; ++lane) {
-      if (packet.index[lane] < 0) continue;
-      for (std::size_t k = 0; k < azimuths; ++k)
-        found.elevation_deg[k * query.size() + static_cast<std::size_t>(packet.index[lane])] =
-            packet.elevation_deg[k * engine::kPacket + lane];
-    }
-  };
-  found.report = engine::find_place_horizons(directions_of(query.places), query.horizon, rendering, store);
-  return found;
+engine::Horizons find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
+  if (query.area) return engine::map_horizons(query.grid, query.horizon, rendering);
+  return engine::place_horizons(directions_of(query.places), query.horizon, rendering);
 }
 
-LightFound find_light_of(const IlluminationQuery& query, const engine::RenderContext& rendering) {
+engine::IlluminationSeries find_light_of(const IlluminationQuery& query, const engine::RenderContext& rendering) {
   const engine::BodySeries bodies = engine::bodies_at(query.epochs, query.step_s);
-  if (query.area) return {engine::illumination_of_map(query.grid, query.horizon, bodies, rendering), {}, {}};
-  engine::IlluminationSeries series =
-      engine::illumination_of_places(directions_of(query.places), query.horizon, bodies, rendering);
-  return {std::move(series.summary), std::move(series.sun), std::move(series.earth)};
+  if (query.area) return {{}, {}, engine::illumination_of_map(query.grid, query.horizon, bodies, rendering)};
+  return engine::illumination_of_places(directions_of(query.places), query.horizon, bodies, rendering);
 }
 
 // Returns the answer that find(query, rendering context) makes.

@@ -326,22 +326,39 @@ HorizonReport find_place_horizons(std::span<const Vec3> places, const HorizonOpt
   return search.report();
 }
 
-MapHorizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
-                         const HorizonProgress& progress) {
-  const std::size_t pixels = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
-  MapHorizons out;
-  out.elevation_deg.assign(static_cast<std::size_t>(options.azimuths) * pixels,
-                           std::numeric_limits<float>::quiet_NaN());
-  const OnPacketHorizons store = [&](const PacketHorizons& packet) {
+namespace {
+
+// Stores the horizons that find(on_packet) finds for a number of eyes.
+template <typename Find>
+Horizons store_horizons(std::size_t eyes, const HorizonOptions& options, const Find& find) {
+  Horizons out;
+  out.elevation_deg.assign(static_cast<std::size_t>(options.azimuths) * eyes, std::numeric_limits<float>::quiet_NaN());
+  out.report = find([&](const PacketHorizons& packet) {
     for (std::size_t lane = 0; lane < kPacket; ++lane) {
       if (packet.index[lane] < 0) continue;
-      float* pixel = &out.elevation_deg[static_cast<std::size_t>(packet.index[lane])];
+      float* eye = &out.elevation_deg[static_cast<std::size_t>(packet.index[lane])];
       for (std::size_t a = 0; a < static_cast<std::size_t>(packet.azimuths); ++a)
-        pixel[a * pixels] = packet.elevation_deg[a * kPacket + lane];
+        eye[a * eyes] = packet.elevation_deg[a * kPacket + lane];
     }
-  };
-  out.report = find_map_horizons(grid, options, context, store, progress);
+  });
   return out;
+}
+
+}  // namespace
+
+Horizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
+                      const HorizonProgress& progress) {
+  const std::size_t pixels = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
+  return store_horizons(pixels, options, [&](const OnPacketHorizons& store) {
+    return find_map_horizons(grid, options, context, store, progress);
+  });
+}
+
+Horizons place_horizons(std::span<const Vec3> places, const HorizonOptions& options, const RenderContext& context,
+                        const HorizonProgress& progress) {
+  return store_horizons(places.size(), options, [&](const OnPacketHorizons& store) {
+    return find_place_horizons(places, options, context, store, progress);
+  });
 }
 
 }  // namespace selenograph::engine

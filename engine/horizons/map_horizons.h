@@ -50,12 +50,14 @@ HorizonReport find_place_horizons(std::span<const Vec3> places, const HorizonOpt
                                   const RenderContext& context, const OnPacketHorizons& on_packet,
                                   const HorizonProgress& progress = {});
 
-// Horizons of a map: elevation_deg[(azimuth * height + row) * width + column]; NaN without data.
-struct MapHorizons {
+// Horizons of a map's pixels, row by row, or of places: elevation_deg[azimuth * eyes + eye]; NaN without data.
+struct Horizons {
   std::vector<float> elevation_deg;
   HorizonReport report;
 };
-MapHorizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
-                         const HorizonProgress& progress = {});
+Horizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
+                      const HorizonProgress& progress = {});
+Horizons place_horizons(std::span<const Vec3> places, const HorizonOptions& options, const RenderContext& context,
+                        const HorizonProgress& progress = {});
 
 }  // namespace selenograph::engine

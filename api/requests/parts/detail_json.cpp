@@ -16,13 +16,15 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 
 GroundHeight ground_height_of(const Json& body, const GroundHeights& ground, const ReadContext& context) {
   if (!ground) return {};
-  std::shared_ptr<const dem::Detail> detail;
-  if (body.is_object() && body.contains("detail")) {
-    Findings reported_elsewhere;
-    const auto named = DetailName{}.read(JsonReader(body["detail"], reported_elsewhere), context);
-    if (named) detail = named->content;
-  }
-  return [&ground, detail](double lat_deg, double lon_deg) { return ground(detail, lat_deg, lon_deg); };
+  return [&](double lat_deg, double lon_deg) {
+    std::shared_ptr<const dem::Detail> detail;
+    if (body.is_object() && body.contains("detail")) {
+      Findings reported_elsewhere;
+      const auto named = DetailName{}.read(JsonReader(body["detail"], reported_elsewhere), context);
+      if (named) detail = named->content;
+    }
+    return ground(detail, lat_deg, lon_deg);
+  };
 }
 
 std::string max_detail_error_meaning() {

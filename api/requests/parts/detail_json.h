@@ -23,8 +23,9 @@ struct DetailName {
 // Returns the terrain's height above the sphere, with a detail or (null) without; m, NaN without data.
 using GroundHeights =
     std::function<double(const std::shared_ptr<const dem::Detail>& detail, double lat_deg, double lon_deg)>;
-// Returns the heights of the ground that a request's body asks for by "detail", for ReadContext. An invalid detail is
-// taken as none: its own member reports it. The arguments must outlive the result.
+// Returns the heights of the ground that a request's body asks for by "detail", for ReadContext. The detail is read
+// when a height is needed, which most requests never do. An invalid detail is taken as none: its own member reports it.
+// The arguments must outlive the result.
 GroundHeight ground_height_of(const Json& body, const GroundHeights& ground, const ReadContext& context);
 
 inline constexpr const char* kDetailMeaning =
