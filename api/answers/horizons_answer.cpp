@@ -94,7 +94,7 @@ std::size_t bytes_of(const IlluminationQuery& query) {
   return query.size() * kBytesPerPlace + query.epochs.size() * query.places.size() * kBytesPerText;
 }
 
-std::string encode(const HorizonsQuery& query, const engine::Horizons& found, std::string_view media_type,
+std::string encode(const HorizonsQuery& query, const engine::HorizonElevations& found, std::string_view media_type,
                    const StopToken& stop) {
   const OrderedJson meta = meta_of(query, found.report, resolved_json(query));
   const auto azimuths = static_cast<std::size_t>(query.horizon.azimuths);

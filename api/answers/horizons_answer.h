@@ -39,7 +39,7 @@ bool holds(const HorizonsQuery& query, std::string_view media_type);
 std::size_t bytes_of(const HorizonsQuery& query);
 std::size_t bytes_of(const IlluminationQuery& query);
 
-std::string encode(const HorizonsQuery& query, const engine::Horizons& found, std::string_view media_type,
+std::string encode(const HorizonsQuery& query, const engine::HorizonElevations& found, std::string_view media_type,
                    const StopToken& stop);
 // `found`: of a map without series.
 std::string encode(const IlluminationQuery& query, const engine::IlluminationSeries& found, std::string_view media_type,

@@ -11,7 +11,7 @@ std::vector<Vec3> directions_of(const std::vector<Geographic>& places) {
   return directions;
 }
 
-engine::Horizons find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
+engine::HorizonElevations find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
   if (query.area) return engine::map_horizons(query.grid, query.horizon, rendering);
   return engine::place_horizons(directions_of(query.places), query.horizon, rendering);
 }

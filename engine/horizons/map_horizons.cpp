@@ -330,8 +330,8 @@ namespace {
 
 // Stores the horizons that find(on_packet) finds for a number of eyes.
 template <typename Find>
-Horizons store_horizons(std::size_t eyes, const HorizonOptions& options, const Find& find) {
-  Horizons out;
+HorizonElevations store_horizons(std::size_t eyes, const HorizonOptions& options, const Find& find) {
+  HorizonElevations out;
   out.elevation_deg.assign(static_cast<std::size_t>(options.azimuths) * eyes, std::numeric_limits<float>::quiet_NaN());
   out.report = find([&](const PacketHorizons& packet) {
     for (std::size_t lane = 0; lane < kPacket; ++lane) {
@@ -346,16 +346,16 @@ Horizons store_horizons(std::size_t eyes, const HorizonOptions& options, const F
 
 }  // namespace
 
-Horizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
-                      const HorizonProgress& progress) {
+HorizonElevations map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
+                               const HorizonProgress& progress) {
   const std::size_t pixels = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
   return store_horizons(pixels, options, [&](const OnPacketHorizons& store) {
     return find_map_horizons(grid, options, context, store, progress);
   });
 }
 
-Horizons place_horizons(std::span<const Vec3> places, const HorizonOptions& options, const RenderContext& context,
-                        const HorizonProgress& progress) {
+HorizonElevations place_horizons(std::span<const Vec3> places, const HorizonOptions& options,
+                                 const RenderContext& context, const HorizonProgress& progress) {
   return store_horizons(places.size(), options, [&](const OnPacketHorizons& store) {
     return find_place_horizons(places, options, context, store, progress);
   });

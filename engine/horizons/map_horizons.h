@@ -51,13 +51,13 @@ HorizonReport find_place_horizons(std::span<const Vec3> places, const HorizonOpt
                                   const HorizonProgress& progress = {});
 
 // Horizons of a map's pixels, row by row, or of places: elevation_deg[azimuth * eyes + eye]; NaN without data.
-struct Horizons {
+struct HorizonElevations {
   std::vector<float> elevation_deg;
   HorizonReport report;
 };
-Horizons map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
-                      const HorizonProgress& progress = {});
-Horizons place_horizons(std::span<const Vec3> places, const HorizonOptions& options, const RenderContext& context,
-                        const HorizonProgress& progress = {});
+HorizonElevations map_horizons(const dem::MapGrid& grid, const HorizonOptions& options, const RenderContext& context,
+                               const HorizonProgress& progress = {});
+HorizonElevations place_horizons(std::span<const Vec3> places, const HorizonOptions& options,
+                                 const RenderContext& context, const HorizonProgress& progress = {});
 
 }  // namespace selenograph::engine

@@ -127,7 +127,7 @@ class HorizonsOfTerrain : public test::SampleScenery {
   static dem::MapGrid grid() {
     return {{dem::MapProjection::orthographic, -10.4, 43.9, 0}, -9 * 60.0, 8 * 60.0, 60, 18, 16};
   }
-  static Horizons find(const HorizonOptions& options) {
+  static HorizonElevations find(const HorizonOptions& options) {
     return scenery().renderer->query(
         nullptr, {}, [&](const RenderContext& context) { return map_horizons(grid(), options, context); });
   }
@@ -145,7 +145,7 @@ TEST_F(HorizonsOfTerrain, ThreadsChangeNoBit) {
 
 TEST_F(HorizonsOfTerrain, PlacesHaveTheHorizonsOfPixels) {
   const HorizonOptions options{.azimuths = 24, .height_above_ground_m = 0, .farthest_m = 1e4};
-  const Horizons map = find(options);
+  const HorizonElevations map = find(options);
   const Vec3 place = dem::MapTransform(grid().plane).direction(grid().point(7, 5)).value();
   std::vector<float> found;
   scenery().renderer->query(nullptr, {}, [&](const RenderContext& context) {
