@@ -39,7 +39,7 @@ std::optional<engine::Pose> pose_of(const Json& request) {
   // For an order, the ground is near enough at the reference sphere.
   const auto sphere = [](const auto&, double, double) { return 0.0; };
   try {
-    return api::read_frame(frame, {}, {}, {}, sphere).request.pose;
+    return api::read_frame(frame, {}, api::Assets(), {}, sphere).request.pose;
   } catch (const api::RequestError&) {
     return std::nullopt;
   }
