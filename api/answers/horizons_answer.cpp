@@ -71,6 +71,12 @@ std::vector<std::size_t> shape_of(const HorizonsQuery& query) {
   return {static_cast<std::size_t>(query.grid.height), static_cast<std::size_t>(query.grid.width)};
 }
 
+std::vector<Vec3> directions_of(const std::vector<Geographic>& places) {
+  std::vector<Vec3> directions;
+  for (const Geographic& place : places) directions.push_back(local_axes(place.lat_deg, place.lon_deg).up);
+  return directions;
+}
+
 std::vector<std::size_t> with_first(std::size_t first, std::vector<std::size_t> shape) {
   shape.insert(shape.begin(), first);
   return shape;
@@ -81,6 +87,19 @@ std::vector<std::size_t> with_first(std::size_t first, std::vector<std::size_t> 
 bool holds(const HorizonsQuery& query, std::string_view media_type) {
   if (media_type == "image/tiff") return query.area.has_value();
   return media_type == "application/x-npz" || !query.area;
+}
+
+engine::HorizonElevations find(const HorizonsQuery& query, const engine::RenderContext& rendering,
+                               const engine::HorizonProgress& progress) {
+  if (query.area) return engine::map_horizons(query.grid, query.horizon, rendering, progress);
+  return engine::place_horizons(directions_of(query.places), query.horizon, rendering, progress);
+}
+
+engine::IlluminationSeries find(const IlluminationQuery& query, const engine::RenderContext& rendering,
+                                const engine::HorizonProgress& progress) {
+  const engine::BodySeries bodies = engine::bodies_at(query.epochs, query.step_s);
+  if (query.area) return {{}, {}, engine::illumination_of_map(query.grid, query.horizon, bodies, rendering, progress)};
+  return engine::illumination_of_places(directions_of(query.places), query.horizon, bodies, rendering, progress);
 }
 
 // A value takes 4 bytes, as much again in the answer, and 12 to 20 bytes of text in JSON or CSV.

@@ -35,6 +35,13 @@ inline constexpr Alternative kIlluminationAnswers[] = {
 // Returns true if a media type can hold the answer.
 bool holds(const HorizonsQuery& query, std::string_view media_type);
 
+// Find the answer. `progress`: see HorizonProgress.
+engine::HorizonElevations find(const HorizonsQuery& query, const engine::RenderContext& rendering,
+                               const engine::HorizonProgress& progress = {});
+// Without series if of a map.
+engine::IlluminationSeries find(const IlluminationQuery& query, const engine::RenderContext& rendering,
+                                const engine::HorizonProgress& progress = {});
+
 // Return upper bounds of the memory for finding and encoding an answer.
 std::size_t bytes_of(const HorizonsQuery& query);
 std::size_t bytes_of(const IlluminationQuery& query);

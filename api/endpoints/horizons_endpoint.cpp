@@ -5,26 +5,7 @@
 namespace selenograph::api {
 namespace {
 
-std::vector<Vec3> directions_of(const std::vector<Geographic>& places) {
-  std::vector<Vec3> directions;
-  for (const Geographic& place : places) directions.push_back(local_axes(place.lat_deg, place.lon_deg).up);
-  return directions;
-}
-
-engine::HorizonElevations find_horizons_of(const HorizonsQuery& query, const engine::RenderContext& rendering) {
-  if (query.area) return engine::map_horizons(query.grid, query.horizon, rendering);
-  return engine::place_horizons(directions_of(query.places), query.horizon, rendering);
-}
-
-engine::IlluminationSeries find_light_of(const IlluminationQuery& query, const engine::RenderContext& rendering) {
-  const engine::BodySeries bodies = engine::bodies_at(query.epochs, query.step_s);
-  if (query.area) return {{}, {}, engine::illumination_of_map(query.grid, query.horizon, bodies, rendering)};
-  return engine::illumination_of_places(directions_of(query.places), query.horizon, bodies, rendering);
-}
-
-// Returns the answer that find(query, rendering context) makes.
-Response answer_by(const EndpointContext& context, const auto& query, std::span<const Alternative> alternatives,
-                   const auto& find) {
+Response answer_by(const EndpointContext& context, const auto& query, std::span<const Alternative> alternatives) {
   const std::string_view media_type =
       accepted(context, alternatives, [&](std::string_view type) { return holds(query, type); });
   if (!holds(query, media_type))
@@ -42,12 +23,12 @@ Response answer_by(const EndpointContext& context, const auto& query, std::span<
 
 Response answer_horizons(const EndpointContext& context) {
   const HorizonsQuery query = read_horizons(json_body(context), context.limits, context.assets, context.stop);
-  return answer_by(context, query, kHorizonsAnswers, find_horizons_of);
+  return answer_by(context, query, kHorizonsAnswers);
 }
 
 Response answer_illumination(const EndpointContext& context) {
   const IlluminationQuery query = read_illumination(json_body(context), context.limits, context.assets, context.stop);
-  return answer_by(context, query, kIlluminationAnswers, find_light_of);
+  return answer_by(context, query, kIlluminationAnswers);
 }
 
 void describe_horizons(Operation& o) {

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <numeric>
+#include <stdexcept>
 
 #include "dem/base/parallel.h"
 #include "server/campaign/sha256.h"
@@ -37,6 +39,19 @@ OrderedLines order_lines(const Manifest& manifest) {
 }
 
 }  // namespace
+
+Shard shard_of(const std::string& text) {
+  Shard shard;
+  const char* const end = text.data() + text.size();
+  const auto index = std::from_chars(text.data(), end, shard.index);
+  const bool slash = index.ec == std::errc() && index.ptr != end && *index.ptr == '/';
+  const auto of = slash ? std::from_chars(index.ptr + 1, end, shard.of) : std::from_chars_result{};
+  constexpr std::size_t kMaxShards = 100000;
+  if (!slash || of.ec != std::errc() || of.ptr != end || shard.of > kMaxShards || shard.index >= shard.of)
+    throw std::runtime_error(
+        fmt::format("--shard: \"{}\" is not I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMaxShards));
+  return shard;
+}
 
 std::string TarPlan::sha256() const {
   Sha256 digest;

@@ -14,6 +14,8 @@ namespace selenograph::server {
 struct Shard {
   std::size_t index = 0, of = 1;
 };
+// Parses "3/16" of --shard. Throws std::runtime_error.
+Shard shard_of(const std::string& text);
 
 struct TarPlan {
   std::string name;  // frames-000000.tar

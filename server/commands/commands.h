@@ -14,9 +14,15 @@
 namespace selenograph::server {
 
 struct RenderSettings : RequestSettings {};
-struct LidarSettings : RequestSettings {};         // .npz or .json
-struct HorizonsSettings : RequestSettings {};      // .tif, .npz or .json
-struct IlluminationSettings : RequestSettings {};  // .tif, .npz, .json or .csv
+struct LidarSettings : RequestSettings {};  // .npz or .json
+
+// A request about the pixels of a map or about places. A large map is answered tile by tile.
+struct TiledSettings : RequestSettings {
+  int tile_px = 0;            // side of a tile; 0: `output` is a single file, else a folder
+  std::string shard = "0/1";  // I/N of the tiles, I from 0
+};
+struct HorizonsSettings : TiledSettings {};      // .tif, .npz or .json
+struct IlluminationSettings : TiledSettings {};  // .tif, .npz, .json or .csv
 
 struct MapSettings {
   TerrainSettings terrain;

@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <atomic>
-#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -37,20 +36,6 @@ void stop_on_signal() {
   action.sa_flags = static_cast<int>(SA_RESETHAND);
   ::sigaction(SIGINT, &action, nullptr);
   ::sigaction(SIGTERM, &action, nullptr);
-}
-
-// Parses "3/16".
-Shard shard_of(const std::string& text) {
-  Shard shard;
-  const char* const end = text.data() + text.size();
-  const auto index = std::from_chars(text.data(), end, shard.index);
-  const bool slash = index.ec == std::errc() && index.ptr != end && *index.ptr == '/';
-  const auto of = slash ? std::from_chars(index.ptr + 1, end, shard.of) : std::from_chars_result{};
-  constexpr std::size_t kMaxShards = 100000;
-  if (!slash || of.ec != std::errc() || of.ptr != end || shard.of > kMaxShards || shard.index >= shard.of)
-    throw std::runtime_error(
-        fmt::format("--shard: \"{}\" is not I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMaxShards));
-  return shard;
 }
 
 void require(const std::string& value, const char* what) {

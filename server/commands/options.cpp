@@ -38,6 +38,19 @@ void add_request_options(CLI::App& command, RequestSettings& s, const std::strin
   add_options(command, s.terrain);
 }
 
+void add_tile_options(CLI::App& command, TiledSettings& s) {
+  auto* tiles =
+      command
+          .add_option("--tile-px", s.tile_px,
+                      "Write a map as tiles of this side into the folder OUT, and map.vrt once all exist. Tiles that "
+                      "exist are not made again")
+          ->check(CLI::Range(16, 512));
+  command.add_option("--shard", s.shard, "Make part I (from 0) of N of the tiles")
+      ->type_name("I/N")
+      ->capture_default_str()
+      ->needs(tiles);
+}
+
 }  // namespace
 
 void add_options(CLI::App& command, RenderSettings& s) {
@@ -51,11 +64,13 @@ void add_options(CLI::App& command, LidarSettings& s) {
 void add_options(CLI::App& command, HorizonsSettings& s) {
   add_request_options(command, s, "/v1/horizons",
                       "Write the horizons to this file: of a map .tif .npz, of places .json .npz");
+  add_tile_options(command, s);
 }
 
 void add_options(CLI::App& command, IlluminationSettings& s) {
   add_request_options(command, s, "/v1/illumination",
                       "Write the light to this file: of a map .tif .npz, of places .csv .json .npz");
+  add_tile_options(command, s);
 }
 
 void add_options(CLI::App& command, MapSettings& s) {
