@@ -48,6 +48,11 @@ void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameR
     warnings.push_back(
         "exposure.target_fill is out of reach: smear alone fills more of a pixel (exposure.smear_fill); shorten "
         "detector.smear_time_s");
+  else if (target > 0 && (report.integration_time_s == sensor.exposure.longest_s ||
+                          report.integration_time_s == sensor.exposure.shortest_s))
+    warnings.push_back(
+        fmt::format("exposure.{} limits the integration time: the metered pixels do not fill exposure.target_fill",
+                    report.integration_time_s == sensor.exposure.longest_s ? "longest_s" : "shortest_s"));
   // Samples more than 1.5 pixels apart leave visible gaps in a streak.
   if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
     warnings.push_back(fmt::format(

@@ -76,7 +76,8 @@ const Members<engine::ImageSettings>& image_members() {
         m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "bits of the digital numbers");
         m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
               NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
-              "radiance of the largest digital number; auto: the largest radiance in the frame");
+              "radiance of the largest digital number; auto: that which all but the brightest thousandth of the lit "
+              "pixels have at most");
       });
   return *table;
 }

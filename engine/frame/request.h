@@ -39,9 +39,8 @@ enum class Visibility {
 
 // Conversion of radiance to digital numbers without a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
 struct ImageSettings {
-  int bit_depth = 8;  // 8 or 16
-  std::optional<double>
-      full_scale_radiance_w_m2_sr;  // fixed exposure; empty: automatic, the largest radiance in the frame
+  int bit_depth = 8;                                  // 8 or 16
+  std::optional<double> full_scale_radiance_w_m2_sr;  // fixed exposure; empty: automatic, see almost_brightest()
 };
 
 struct FrameRequest {

@@ -63,6 +63,7 @@ struct Detector {
   std::vector<ResponsePoint> efficiency;
   double integration_time_s = 0;  // t; 0: chosen by Exposure
   double full_well_e = 0;         // capacity of a pixel; 0: unlimited
+  bool blooming = false;          // a full pixel's further electrons spill along its column
   double dark_current_e_s = 0;
   double smear_time_s = 0;     // frame transfer without shutter: time per row shift
   bool photon_noise = true;    // Poisson noise of photons and dark electrons
@@ -77,12 +78,21 @@ struct Detector {
   int bit_depth = 8;  // 1 to 16: digital numbers from 0 to 2^bit_depth - 1
 };
 
-// Automatic exposure. The integration time is chosen so that all but the brightest thousandth of the pixels stay within
-// a share of the full well, or of the largest digital number, including smear, dark current and the offset, without
-// noise and fixed pattern.
+// What of an image automatic exposure brings to its target.
+struct Metering {
+  enum class Statistic { percentile, mean };
+
+  ImageRegion region;
+  Statistic statistic = Statistic::percentile;
+  double percentile = 99.9;  // share of the region's pixels that stay within the target, %
+};
+
+// Automatic exposure. The integration time is chosen so that the metered pixels fill a share of the full well, or of
+// the largest digital number, including smear, dark current and the offset, without noise and fixed pattern.
 struct Exposure {
   double target_fill = 0;  // 0: the integration time is given
   double shortest_s = 1e-6, longest_s = 10;
+  Metering metering;
 };
 
 // Camera motion during the exposure, from half the integration time before the pose's time to half after it. Light is

@@ -1,4 +1,4 @@
-// Subset of pixels for ground-truth products, which are all products except image and radiance.
+// Regions of an image, and the subset of pixels for ground-truth products: all products except image and radiance.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,12 +7,16 @@
 
 namespace selenograph::engine {
 
+// A rectangle of pixels. Width 0: the whole image.
+struct ImageRegion {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+
 // Every n-th pixel of a region, from its first. The arrays have rows() x columns() elements; element (r, c) belongs to
 // the image's pixel in row y + r * every_px and column x + c * every_px.
-struct TruthGrid {
+struct TruthGrid : ImageRegion {
   enum class Floats { float64, float32, float16 };
 
-  int x = 0, y = 0, width = 0, height = 0;  // the region, px
   int every_px = 1;
   // MOON_ME, m: positions are stored relative to it, as float. Empty: absolute, as double.
   std::optional<Eigen::Vector3d> position_origin_m{};

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 #include "dem/base/parallel.h"
 #include "dem/base/quantile.h"
@@ -131,12 +132,35 @@ class PixelChain {
   // Reads out `count` pixels (at most kDraw) from `first` on. Returns how many are saturated.
   int run(std::size_t first, std::size_t count, std::uint16_t* image) const {
     PixelLanes p{};
+    RandomWords words;
+    expose(first, count, p, words);
+    return read(first, count, sensor_.detector.photon_noise ? p.counted : p.mean, p, words, image);
+  }
+
+  // The same in two steps, between which electrons may move: what pixels collect, and what is read of it.
+  void collect(std::size_t first, std::size_t count, float* electrons) const {
+    PixelLanes p{};
+    RandomWords words;
+    expose(first, count, p, words);
+    std::copy_n(sensor_.detector.photon_noise ? p.counted : p.mean, count, electrons + first);
+  }
+  int read(std::size_t first, std::size_t count, const float* electrons, std::uint16_t* image) const {
+    PixelLanes p{};
+    RandomWords words;
+    expose(first, count, p, words);
+    std::copy_n(electrons + first, count, p.counted);
+    return read(first, count, p.counted, p, words, image);
+  }
+  double max_smear_e() const { return maximum_without_outliers(smear_); }
+
+ private:
+  // Computes what pixels collect: p.counted with photon noise, else p.mean.
+  void expose(std::size_t first, std::size_t count, PixelLanes& p, RandomWords& words) const {
     std::copy_n(&radiance_[first], count, p.radiance);
     if (!smear_.empty())
       for (std::size_t i = 0; i < count; ++i) p.smear[i] = smear_[(first + i) % width_];
     std::fill_n(p.alive, kDraw, 1.F);
     const auto pixel = static_cast<std::uint32_t>(first);
-    RandomWords words;
     if (!line_.empty())
       repeat_line(first, p);
     else if (has_pattern_)
@@ -144,14 +168,17 @@ class PixelChain {
     HWY_DYNAMIC_DISPATCH(ExposeLanes)(model_, p);
     if (has_noise_) draw(sensor_.seed, sensor_.frame, RandomSource::exposure, pixel, words);
     if (sensor_.detector.photon_noise) poisson(words.word[0], p.mean, p.counted);
+  }
+
+  // Reads electrons out. `words`: of expose().
+  int read(std::size_t first, std::size_t count, const float* electrons, PixelLanes& p, const RandomWords& words,
+           std::uint16_t* image) const {
     if (sensor_.detector.read_noise_e > 0) normals(words.word[1], p.noise);
-    HWY_DYNAMIC_DISPATCH(ReadLanes)(model_, sensor_.detector.photon_noise ? p.counted : p.mean, p);
+    HWY_DYNAMIC_DISPATCH(ReadLanes)(model_, electrons, p);
     std::copy_n(p.numbers, count, image + first);
     return std::accumulate(p.saturated, p.saturated + count, 0);
   }
-  double max_smear_e() const { return maximum_without_outliers(smear_); }
 
- private:
   // Draws the fixed pattern of kDraw pixels of the detector.
   void draw_pattern(std::uint32_t pixel, PixelLanes& p) const {
     RandomWords words;
@@ -222,20 +249,71 @@ std::vector<float> smear_e(const Detector& d, double per_radiance, const std::ve
   return smear;
 }
 
-double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
-                      int width, int height) {
+namespace {
+
+// Returns the time after which a pixel holds a target, s: at most 1e30.
+double time_to_hold_s(double headroom_e, double rate_e_s) {
+  constexpr double kMax_s = 1e30, kMin_e_s = 1e-30;  // kMin_e_s avoids a division by zero
+  return std::clamp(headroom_e / std::max(rate_e_s, kMin_e_s), -kMax_s, kMax_s);
+}
+
+}  // namespace
+
+double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e,
+                      const std::vector<float>& radiance, int width, int height) {
   Detector d = sensor.detector;
   d.integration_time_s = 1;
   const double per_second = electrons_per_radiance(sensor.optics, d, wavelength_um);
   const std::vector<float> smear = smear_e(d, per_second, radiance, width, height);
-  constexpr double kMax_s = 1e30, kMin_e_s = 1e-30;  // kMin_e_s avoids a division by zero
-  std::vector<float>& times_s = radiance;
-  for (std::size_t i = 0; i < times_s.size(); ++i) {
-    const double headroom_e = target_e - (smear.empty() ? 0 : static_cast<double>(smear[i % smear.size()])),
-                 rate_e_s = static_cast<double>(radiance[i]) * per_second + d.dark_current_e_s;
-    times_s[i] = static_cast<float>(std::clamp(headroom_e / std::max(rate_e_s, kMin_e_s), -kMax_s, kMax_s));
+  const Metering& metering = sensor.exposure.metering;
+  const ImageRegion region = metering.region.width > 0 ? metering.region : ImageRegion{0, 0, width, height};
+  std::vector<float> times_s;
+  double sum_smear_e = 0, sum_rate_e_s = 0;
+  for (int y = region.y; y < region.y + region.height; ++y)
+    for (int x = region.x; x < region.x + region.width; ++x) {
+      const auto column = static_cast<std::size_t>(x);
+      const std::size_t pixel = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + column;
+      const double smeared_e = smear.empty() ? 0 : static_cast<double>(smear[column]),
+                   rate_e_s = static_cast<double>(radiance[pixel]) * per_second + d.dark_current_e_s;
+      sum_smear_e += smeared_e;
+      sum_rate_e_s += rate_e_s;
+      times_s.push_back(static_cast<float>(time_to_hold_s(target_e - smeared_e, rate_e_s)));
+    }
+  const auto pixels = static_cast<double>(times_s.size());
+  if (metering.statistic == Metering::Statistic::mean)
+    return time_to_hold_s(target_e - sum_smear_e / pixels, sum_rate_e_s / pixels);
+  constexpr double kRounding = 1e-6;  // 1 - 0.999 is below 0.001
+  const auto brighter = static_cast<std::size_t>(pixels * (1 - metering.percentile / 100) + kRounding);
+  return static_cast<double>(ranked(times_s, std::min(brighter, times_s.size() - 1)));
+}
+
+double bloom(double full_well_e, int width, int height, std::span<float> electrons) {
+  const auto columns = static_cast<std::size_t>(width), rows = static_cast<std::size_t>(height);
+  std::vector<double> excess_e(rows);
+  double lost_e = 0;
+  for (std::size_t x = 0; x < columns; ++x) {
+    bool spills = false;
+    for (std::size_t y = 0; y < rows; ++y) {
+      float& held = electrons[y * columns + x];
+      excess_e[y] = std::max(static_cast<double>(held) - full_well_e, 0.);
+      if (excess_e[y] > 0) held = static_cast<float>(full_well_e);
+      spills |= excess_e[y] > 0;
+    }
+    if (!spills) continue;
+    double moving_e = 0;
+    const auto pass = [&](std::size_t y) {
+      moving_e += excess_e[y] / 2;
+      float& held = electrons[y * columns + x];
+      const double taken_e = std::min(moving_e, full_well_e - static_cast<double>(held));
+      held = static_cast<float>(static_cast<double>(held) + taken_e);
+      moving_e -= taken_e;
+    };
+    for (std::size_t y = 0; y < rows; ++y) pass(y);
+    lost_e += std::exchange(moving_e, 0);
+    for (std::size_t y = rows; y-- > 0;) pass(y);
+    lost_e += moving_e;
   }
-  return static_cast<double>(ranked(times_s, times_s.size() / 1000));
+  return lost_e;
 }
 
 ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,
@@ -244,17 +322,30 @@ ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vecto
   image.resize(pixels);
   const PixelChain pixel_chain(sensor, wavelength_um, radiance, width, height, line);
   constexpr std::size_t kLanes = kDraw;
+  const std::size_t packets = (pixels + kLanes - 1) / kLanes;
+  std::vector<float> electrons;  // after blooming; empty: no pixel blooms
+  if (sensor.detector.blooming) {
+    electrons.resize(packets * kLanes);
+    in_parallel_pieces(packets, 64, [&](std::size_t first, std::size_t past_last) {
+      for (std::size_t k = first; k < past_last; ++k)
+        pixel_chain.collect(k * kLanes, std::min(kLanes, pixels - k * kLanes), electrons.data());
+    });
+    bloom(sensor.detector.full_well_e, width, height, std::span(electrons).first(pixels));
+    stop.check();
+  }
   std::atomic<std::size_t> saturated{0};
   std::mutex brightest_mutex;
   float brightest_w_m2_sr = 0;
-  in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
+  in_parallel_pieces(packets, 64, [&](std::size_t first, std::size_t past_last) {
     const float piece_brightest =
         *std::max_element(&radiance[first * kLanes], &radiance[0] + std::min(past_last * kLanes, pixels));
     std::size_t piece_saturated = 0;
     for (std::size_t k = first; k < past_last; ++k) {
       if (k % 64 == 0) stop.check();
-      piece_saturated +=
-          static_cast<std::size_t>(pixel_chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data()));
+      const std::size_t count = std::min(kLanes, pixels - k * kLanes);
+      piece_saturated += static_cast<std::size_t>(
+          electrons.empty() ? pixel_chain.run(k * kLanes, count, image.data())
+                            : pixel_chain.read(k * kLanes, count, electrons.data(), image.data()));
     }
     saturated += piece_saturated;
     const std::scoped_lock lock(brightest_mutex);

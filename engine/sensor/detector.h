@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "dem/base/stop_token.h"
@@ -36,11 +37,16 @@ inline double saturation_e(const Detector& detector) { return filled_e(detector,
 std::vector<float> smear_e(const Detector& detector, double per_radiance, const std::vector<float>& radiance, int width,
                            int height);
 
-// Returns the integration time, s, after which all but the brightest thousandth of the pixels hold at most `target_e`
-// electrons from light, smear and dark current, without noise and fixed pattern. Negative if smear alone exceeds the
-// target; 1e30 at most, if nothing fills the pixels.
-double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
-                      int width, int height);
+// Returns the integration time, s, after which the metered pixels hold `target_e` electrons from light, smear and dark
+// current, without noise, fixed pattern and full well. Negative if smear alone exceeds the target; 1e30 at most, if
+// nothing fills the pixels.
+double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e,
+                      const std::vector<float>& radiance, int width, int height);
+
+// Spills what pixels hold above the full well along their columns, half of it to either side, into the next pixels with
+// room. Returns the electrons that leave the image at its first and last row; all others are kept. The room between two
+// full runs is filled from the upper one first.
+double bloom(double full_well_e, int width, int height, std::span<float> electrons);
 
 struct ReadOut {
   double saturated_fraction = 0;  // share of pixels that are full or have the largest digital number
@@ -50,7 +56,7 @@ struct ReadOut {
 
 // Reads out a frame of width x height as digital numbers. `radiance`: after the optics. Parallel; the image does not
 // depend on the number of threads. Throws Cancelled when stopped.
-//   electrons = min(full well, Poisson((signal + smear) (1 + PRNU) + dark)) + DSNU + read noise
+//   electrons = min(full well, bloom(Poisson((signal + smear) (1 + PRNU) + dark))) + DSNU + read noise
 //   DN = clamp(round(electrons / gain + offset))
 // Dead pixels have neither signal nor smear.
 // `line`: all rows are the same line of pixels at different times and share one row's fixed pattern.

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <functional>
+#include <iterator>
 #include <numbers>
 #include <numeric>
 
 #include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
 #include "engine/radiometry/moon.h"
 #include "engine/radiometry/spectrum.h"
 
@@ -27,10 +30,10 @@ T over_pieces(std::span<const float> pixels, const Work& work, const Combine& co
   return std::accumulate(results.begin() + 1, results.end(), results.front(), combine);
 }
 
+// Returns the largest of values that are at least 0; ignores NaN.
 float largest_of(std::span<const float> values) {
   constexpr std::size_t kLanes = 16;  // independent maxima, which the compiler keeps in vectors
-  float largest[kLanes];
-  std::fill_n(largest, kLanes, values.front());
+  float largest[kLanes] = {};
   std::size_t i = 0;
   for (; i + kLanes <= values.size(); i += kLanes)
     for (std::size_t k = 0; k < kLanes; ++k) largest[k] = values[i + k] > largest[k] ? values[i + k] : largest[k];
@@ -53,11 +56,37 @@ std::size_t brightest_pixel(std::span<const float> radiance) {
       [&](std::size_t a, std::size_t b) { return radiance[b] > radiance[a] ? b : a; });
 }
 
+double almost_brightest(std::span<const float> radiance) {
+  // If n pieces have a maximum of at least a value, so have n pixels: a rank among the maxima bounds the same rank
+  // among the pixels from below.
+  constexpr std::size_t kPiece_px = 256;
+  const std::size_t pieces = (radiance.size() + kPiece_px - 1) / kPiece_px;
+  const auto piece = [&](std::size_t i) {
+    return radiance.subspan(i * kPiece_px, std::min(kPiece_px, radiance.size() - i * kPiece_px));
+  };
+  std::vector<float> maxima(pieces);
+  std::vector<std::ptrdiff_t> lit(pieces);
+  in_parallel_pieces(pieces, 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) {
+      maxima[i] = largest_of(piece(i));
+      lit[i] = std::ranges::count_if(piece(i), [](float value) { return value > 0; });
+    }
+  });
+  const auto lit_pixels = static_cast<std::size_t>(std::accumulate(lit.begin(), lit.end(), std::ptrdiff_t{0}));
+  if (lit_pixels == 0) return 0;
+  const std::size_t brighter = lit_pixels / 1000;
+  std::vector<float> bounds = maxima, candidates;
+  const float bound = ranked(bounds, pieces - 1 - brighter);
+  for (std::size_t i = 0; i < pieces; ++i)
+    if (maxima[i] >= bound)
+      std::ranges::copy_if(piece(i), std::back_inserter(candidates), [bound](float value) { return value >= bound; });
+  return static_cast<double>(ranked(candidates, candidates.size() - 1 - brighter));
+}
+
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image) {
   image.assign(radiance.size(), 0);
-  const double full_scale = settings.full_scale_radiance_w_m2_sr
-                                ? *settings.full_scale_radiance_w_m2_sr
-                                : static_cast<double>(radiance.empty() ? 0.F : radiance[brightest_pixel(radiance)]);
+  const double full_scale =
+      settings.full_scale_radiance_w_m2_sr ? *settings.full_scale_radiance_w_m2_sr : almost_brightest(radiance);
   if (!(full_scale > 0)) return full_scale;
   const double top = settings.bit_depth == 16 ? 65535 : 255, scale = top / full_scale;
   // Adding 1.5 * 2^52 rounds to the nearest integer, ties to even: the sum's unit in the last place is 1.
@@ -185,7 +214,7 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   pass_optics(camera, rays, radiance, stop);
   complete(radiance, stop);
   Detector& d = model_.detector;
-  const double fill_s = time_to_fill_s(model_, wavelength_um_, filled_e(d, exposure.target_fill), std::move(radiance),
+  const double fill_s = time_to_fill_s(model_, wavelength_um_, filled_e(d, exposure.target_fill), radiance,
                                        request_.camera.width, request_.camera.height);
   d.integration_time_s = std::clamp(fill_s, exposure.shortest_s, exposure.longest_s);
 }

@@ -18,11 +18,15 @@
 namespace selenograph::engine {
 
 // Sets DN = clamp(round(L / full scale * (2^bits - 1))). Returns the full scale that was used: as requested, otherwise
-// the largest radiance in the frame (0 when everything is dark).
+// that of almost_brightest() (0 when everything is dark).
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image);
 
 // Returns whether any pixel's radiance is above 0. NaN is not.
 bool any_lit(std::span<const float> radiance);
+
+// Returns the radiance that all but the brightest thousandth of the lit pixels have at most; 0 if none is lit. NaN is
+// not. Parallel.
+double almost_brightest(std::span<const float> radiance);
 
 // Returns the index of the largest radiance, the first of equal ones. `radiance` must not be empty. Parallel.
 std::size_t brightest_pixel(std::span<const float> radiance);

@@ -8,6 +8,7 @@
 
 #include "api/json/ranges.h"
 #include "api/requests/parts/pose_json.h"
+#include "api/requests/parts/region_json.h"
 #include "api/schema/member_kinds.h"
 #include "dem/base/error.h"
 #include "engine/radiometry/spectrum.h"
@@ -18,6 +19,7 @@ namespace selenograph::api {
 namespace {
 
 using engine::Detector;
+using engine::Metering;
 using engine::Motion;
 using engine::Optics;
 using engine::PointSpread;
@@ -234,6 +236,8 @@ const Members<Detector>& detector_members() {
     m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
           "t of eq. (8); left out where `exposure` chooses it");
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "capacity of a pixel; 0: unlimited");
+    m.add("blooming", &Detector::blooming, Flag{},
+          "what exceeds a pixel's capacity spills along its column, half of it to either side, until pixels have room");
     m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "dark current of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
           "smear of frame transfer without a shutter: time per row shift");
@@ -255,6 +259,7 @@ const Members<Detector>& detector_members() {
     m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
       if (detector.dead_fraction + detector.hot_fraction > 1)
         in.fail("hot_fraction", "exceeds the share of pixels that are not dead");
+      if (detector.blooming && detector.full_well_e == 0) in.fail("blooming", "needs \"full_well_e\"");
       if (const int max_dn = (1 << detector.bit_depth) - 1; !(detector.offset_dn < max_dn))
         in.fail("offset_dn",
                 fmt::format("must be below {}, the largest digital number of {} bits", max_dn, detector.bit_depth));
@@ -263,13 +268,33 @@ const Members<Detector>& detector_members() {
   return *table;
 }
 
+constexpr std::pair<std::string_view, Metering::Statistic> kMeteringStatistics[] = {
+    {"percentile", Metering::Statistic::percentile},
+    {"mean", Metering::Statistic::mean},
+};
+
+const Members<Metering>& metering_members() {
+  static const auto table = make_table<Members<Metering>>(
+      "Metering", "The pixels that automatic exposure brings to `target_fill`.", [](auto& m) {
+        m.add("region", &Metering::region, Object{region_members()}, "left out: the whole image")
+            .written_if([](const Metering& metering) { return metering.region.width > 0; });
+        m.add("statistic", &Metering::statistic, Word{kMeteringStatistics},
+              "what reaches it: a percentile of the region's pixels, or their mean");
+        m.add("percentile", &Metering::percentile, Number{{0, 100}, "%"},
+              "share of the pixels that stay within it; the brighter ones exceed it")
+            .only_for({"percentile"});
+        m.set_model("statistic");
+      });
+  return *table;
+}
+
 const Members<engine::Exposure>& exposure_members() {
   static const auto table = make_table<Members<engine::Exposure>>(
       "Exposure",
-      "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that all "
-      "but the brightest thousandth of the pixels stay within a share of the full well or of the largest digital "
-      "number, including smear, dark current and the offset, without noise and fixed pattern. The metadata has the "
-      "time; there is a warning if smear alone exceeds the share.",
+      "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that the "
+      "metered pixels, by default all but the brightest thousandth, stay within a share of the full well or of the "
+      "largest digital number, including smear, dark current and the offset, without noise and fixed pattern. The "
+      "metadata has the time; there is a warning if smear alone exceeds the share, or a limit cuts the time.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
               "share of the full well, or of the largest digital number")
@@ -278,6 +303,7 @@ const Members<engine::Exposure>& exposure_members() {
               "shortest integration time");
         m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"},
               "longest integration time");
+        m.add("metering", &engine::Exposure::metering, Object{metering_members()}, "by which pixels");
         m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
           if (exposure.longest_s < exposure.shortest_s) in.fail("longest_s", "is less than shortest_s");
         });
@@ -404,6 +430,8 @@ void check_sensor_with_shutter(const JsonReader& in, const engine::SensorModel& 
   if (sensor.detector.smear_time_s > 0)
     model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
   if (!shutter.pushbroom) return;
+  if (sensor.detector.blooming)
+    model.at("detector").fail("blooming", "with a pushbroom: neighbouring rows of its image are not on its detector");
   const std::string reason = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
     model.at("optics").fail("point_spread", "must be left out " + reason);
@@ -414,6 +442,8 @@ void check_sensor_with_shutter(const JsonReader& in, const engine::SensorModel& 
 
 void check_sensor(const JsonReader& in, const engine::FrameRequest& request) {
   const engine::SensorModel& sensor = *request.sensor;
+  if (const engine::ImageRegion& region = sensor.exposure.metering.region; region.width > 0)
+    check_region(in.at("sensor").at("exposure").at("metering"), region, request.camera);
   if (request.shutter) check_sensor_with_shutter(in, sensor, *request.shutter);
   check_pitch(in, sensor);
   check_stray_light(in, request);

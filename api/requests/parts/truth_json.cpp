@@ -2,45 +2,23 @@
 // meaning); the kind gives type, range and unit. Rules across members, checks and conversions follow the rows.
 #include "api/requests/parts/truth_json.h"
 
-#include <fmt/format.h>
-
 #include "api/json/ranges.h"
+#include "api/requests/parts/region_json.h"
 #include "api/schema/member_kinds.h"
 
 namespace selenograph::api {
 namespace {
 
-struct Region {
-  int x = 0, y = 0, width = 0, height = 0;
-};
-
 std::int64_t max_side(const Limits& limits) { return limits.max_image_side; }
-std::int64_t last_pixel(const Limits& limits) { return limits.max_image_side - 1; }
-
-const Members<Region>& region_members() {
-  static const auto table = make_table<Members<Region>>("Region", "Pixels of the image.", [](auto& m) {
-    m.add("x", &Region::x, Integer{0, last_pixel, "px"}, "first column").required();
-    m.add("y", &Region::y, Integer{0, last_pixel, "px"}, "first row").required();
-    m.add("width", &Region::width, Integer{1, max_side, "px"}, "columns").required();
-    m.add("height", &Region::height, Integer{1, max_side, "px"}, "rows").required();
-  });
-  return *table;
-}
 
 constexpr std::pair<std::string_view, engine::TruthGrid::Floats> kFloats[] = {
     {"float64", engine::TruthGrid::Floats::float64},
     {"float32", engine::TruthGrid::Floats::float32},
     {"float16", engine::TruthGrid::Floats::float16}};
 
-const auto region_field = Property{[](const engine::TruthGrid& t) {
-                                     return std::optional(Region{t.x, t.y, t.width, t.height});
-                                   },
-                                   [](engine::TruthGrid& t, const Region& r) {
-                                     t.x = r.x;
-                                     t.y = r.y;
-                                     t.width = r.width;
-                                     t.height = r.height;
-                                   }};
+const auto region_field =
+    Property{[](const engine::TruthGrid& t) { return std::optional<engine::ImageRegion>(t); },
+             [](engine::TruthGrid& t, const engine::ImageRegion& r) { static_cast<engine::ImageRegion&>(t) = r; }};
 
 }  // namespace
 
@@ -65,19 +43,9 @@ const Members<engine::TruthGrid>& truth_members() {
 }
 
 void resolve_truth(const JsonReader& in, const engine::Camera& camera, engine::TruthGrid& truth) {
-  if (truth.width == 0) {
-    truth.width = camera.width;
-    truth.height = camera.height;
-    return;
-  }
-  const JsonReader truth_reader = in.at("truth");  // a reader must outlive those made from it
-  const JsonReader region = truth_reader.at("region");
-  const auto check = [&](const char* member, int first_px, int size_px, int image_px) {
-    if (first_px + size_px > image_px)
-      region.fail(member, fmt::format("ends at pixel {}: the image has {}", first_px + size_px - 1, image_px));
-  };
-  check("width", truth.x, truth.width, camera.width);
-  check("height", truth.y, truth.height, camera.height);
+  if (truth.width > 0) return check_region(in.at("truth"), truth, camera);
+  truth.width = camera.width;
+  truth.height = camera.height;
 }
 
 }  // namespace selenograph::api
