@@ -30,10 +30,11 @@ T over_pieces(std::span<const float> pixels, const Work& work, const Combine& co
   return std::accumulate(results.begin() + 1, results.end(), results.front(), combine);
 }
 
-// Returns the largest of values that are at least 0; ignores NaN.
-float largest_of(std::span<const float> values) {
+// Returns the largest of values and `largest_so_far`; NaN among the values is not.
+float largest_of(std::span<const float> values, float largest_so_far) {
   constexpr std::size_t kLanes = 16;  // independent maxima, which the compiler keeps in vectors
-  float largest[kLanes] = {};
+  float largest[kLanes];
+  std::fill_n(largest, kLanes, largest_so_far);
   std::size_t i = 0;
   for (; i + kLanes <= values.size(); i += kLanes)
     for (std::size_t k = 0; k < kLanes; ++k) largest[k] = values[i + k] > largest[k] ? values[i + k] : largest[k];
@@ -51,7 +52,8 @@ std::size_t brightest_pixel(std::span<const float> radiance) {
   return over_pieces<std::size_t>(
       radiance,
       [](std::span<const float> piece, std::size_t first) {
-        return first + static_cast<std::size_t>(std::ranges::find(piece, largest_of(piece)) - piece.begin());
+        return first +
+               static_cast<std::size_t>(std::ranges::find(piece, largest_of(piece, piece.front())) - piece.begin());
       },
       [&](std::size_t a, std::size_t b) { return radiance[b] > radiance[a] ? b : a; });
 }
@@ -68,7 +70,7 @@ double almost_brightest(std::span<const float> radiance) {
   std::vector<std::ptrdiff_t> lit(pieces);
   in_parallel_pieces(pieces, 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
-      maxima[i] = largest_of(piece(i));
+      maxima[i] = largest_of(piece(i), 0);
       lit[i] = std::ranges::count_if(piece(i), [](float value) { return value > 0; });
     }
   });

@@ -135,6 +135,36 @@ class Horizons(unittest.TestCase):
         # Reliefs have other centres: the heights are interpolated at other posts.
         np.testing.assert_allclose(place["elevation_deg"], elevation[:, 1, 1], atol=0.2)
 
+    def test_a_large_map_in_tiles(self):
+        """By two processes, the second of which was killed once: the mosaic is the map, and each tile a COG."""
+        body = {"map": {**AREA, "width_m": 2000, "height_m": 1500, "gsd_m": 50}, "horizon": {**HORIZON, "azimuths": 36, "farthest_km": 20}}
+        whole = self.service.arrays(body, "/v1/horizons")["elevation_deg"]
+        request = harness.path("large.json")
+        harness.write("large.json", body)
+
+        def make(shard, text=request):
+            return harness.run("horizons", text, "-o", harness.path("tiles"), "--tile-px", "16", "--shard", shard, "--dem",
+                               harness.path("dem"), "--cache-dir", harness.path("cache"))
+
+        first = make("0/2")
+        self.assertEqual((first.returncode, first.stdout), (0, f"{harness.path('tiles')}: 3 tiles made, 0 existed\n"), first.stderr)
+        self.assertIn("100%", first.stderr)
+        self.assertFalse(os.path.exists(harness.path("tiles/map.vrt")))
+        os.remove(harness.path("tiles/tile-00000-00002.tif"))
+        self.assertIn("3 tiles made, 0 existed", make("1/2").stdout)
+        self.assertIn("1 tiles made, 2 existed", make("0/2").stdout)
+        mosaic = gdal.Open(harness.path("tiles/map.vrt"))
+        self.assertEqual(mosaic.GetRasterBand(4).GetDescription(), "horizon at azimuth 30")
+        joined = mosaic.ReadAsArray()
+        self.assertEqual(joined.shape, whole.shape)
+        # A tile has a relief of its own.
+        self.assertLess(np.mean(np.abs(joined - whole) > 0.03), 0.02)
+        self.assertLess(np.abs(np.mean(joined - whole)), 0.002)
+        from osgeo_utils.samples import validate_cloud_optimized_geotiff as cog
+        self.assertEqual(cog.validate(harness.path("tiles/tile-00001-00001.tif"))[1], [])
+        harness.write("large.json", {**body, "horizon": {**body["horizon"], "azimuths": 18}})
+        self.assertIn("tiles of another request", make("0/2").stderr)
+
     def test_from_above_the_horizon_dips(self):
         low, high = (self.ask("/v1/horizons", {"places": [PLACE], "horizon": {**HORIZON, "azimuths": 16, "height_above_ground_m": h}})
                      ["places"][0]["elevation_deg"] for h in (0, 3000))

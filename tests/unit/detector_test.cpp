@@ -211,6 +211,73 @@ TEST(Detector, TimeToFillCountsDarkCurrentAndSmear) {
   EXPECT_GT(time_to_fill_s(s, 0.65, 50000, std::vector<float>(100, 0.F), 10, 10), 1e29) << "nothing fills it";
 }
 
+// The region alone counts, by a percentile or the mean.
+TEST(Detector, MeteringIsOfItsRegion) {
+  constexpr int kWidth = 64, kHeight = 48;
+  constexpr ImageRegion kRegion{10, 20, 30, 20};
+  std::vector<float> light(std::size_t{kWidth} * kHeight, 1e6F), inside;  // bright outside
+  for (int y = kRegion.y; y < kRegion.y + kRegion.height; ++y)
+    for (int x = kRegion.x; x < kRegion.x + kRegion.width; ++x) {
+      inside.push_back(static_cast<float>(100 + (y * 977 + x * 7919) % 3001));
+      light[static_cast<std::size_t>(y * kWidth + x)] = inside.back();
+    }
+  std::sort(inside.begin(), inside.end());
+  SensorModel s = plain();
+  const double unit_s = s.detector.integration_time_s;
+  Metering& metering = s.exposure.metering;
+  metering.region = kRegion;
+  for (const double percentile : {100.0, 90.0, 50.0}) {
+    metering.percentile = percentile;
+    const auto brighter = static_cast<std::size_t>(std::lround(600 * (1 - percentile / 100)));
+    EXPECT_NEAR(time_to_fill_s(s, 0.65, 5000, light, kWidth, kHeight) / unit_s,
+                5000 / static_cast<double>(inside[599 - brighter]), 1e-5)
+        << percentile;
+  }
+  metering.statistic = Metering::Statistic::mean;
+  double sum = 0;
+  for (const float value : inside) sum += static_cast<double>(value);
+  EXPECT_NEAR(time_to_fill_s(s, 0.65, 5000, light, kWidth, kHeight) / unit_s, 5000 / (sum / 600), 1e-5);
+}
+
+// Charge is kept but for what leaves the image, no pixel holds more than the full well, and a lone blob's trail is
+// symmetric.
+TEST(Detector, BloomingKeepsTheCharge) {
+  constexpr int kWidth = 3, kHeight = 101;
+  constexpr double kFull_e = 1000;
+  const auto sum_of = [](const std::vector<float>& e) {
+    double sum = 0;
+    for (const float value : e) sum += static_cast<double>(value);
+    return sum;
+  };
+  std::vector<float> e(std::size_t{kWidth} * kHeight, 100.F);
+  const auto at = [&](int x, int y) -> float& { return e[static_cast<std::size_t>(y * kWidth + x)]; };
+  at(1, 49) = at(1, 50) = at(1, 51) = 5500;  // 13500 e- above: 7.5 pixels of 900 e- of room on either side
+  at(2, 3) = 9000;                           // 8000 above: 2700 go up before the border, 1300 leave there
+  const double before_e = sum_of(e), lost_e = bloom(kFull_e, kWidth, kHeight, e);
+  EXPECT_NEAR(lost_e, 1300, 1e-3);
+  EXPECT_NEAR(sum_of(e) + lost_e, before_e, 0.05);
+  EXPECT_EQ(*std::max_element(e.begin(), e.end()), 1000);
+  for (int d = 0; d <= 50; ++d) {
+    EXPECT_EQ(at(0, 50 + d), 100);
+    EXPECT_EQ(at(1, 50 + d), at(1, 50 - d)) << d;
+    EXPECT_EQ(at(1, 50 + d), d <= 8 ? 1000 : d == 9 ? 550 : 100) << d;
+  }
+  SensorModel s = plain();
+  s.detector.full_well_e = kFull_e, s.detector.photon_noise = true;
+  std::vector<float> light(std::size_t{64} * 64, 100.F);
+  light[std::size_t{32} * 64 + 20] = 20000;
+  std::vector<std::uint16_t> with, without;
+  detect(s, 0.65, light, 64, 64, without);
+  s.detector.blooming = true;
+  const ReadOut out = detect(s, 0.65, light, 64, 64, with);
+  for (std::size_t i = 0; i < with.size(); ++i)
+    if (i % 64 != 20) {
+      ASSERT_EQ(with[i], without[i]) << i;  // other columns keep their noise
+    }
+  EXPECT_EQ(out.saturated_fraction, static_cast<double>(std::count(with.begin(), with.end(), 1000)) / 4096);
+  EXPECT_NEAR(static_cast<double>(std::count(with.begin(), with.end(), 1000)), 1 + 19000.0 / 900, 2);
+}
+
 // What is at the top of the image, or held by a full pixel: with smear, noise and a fixed pattern.
 TEST(Detector, SaturationIsCountedInTheImage) {
   std::vector<float> light(kPixels);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 #include <vector>
 
 namespace selenograph::engine {
@@ -25,6 +26,23 @@ TEST(Sensor, AutomaticExposureFillsTheRange) {
   Image image;
   EXPECT_EQ(expose({8, {}}, {0.F, 0.5F, 4.F}, image), 4);
   EXPECT_EQ(image, (Image{0, 32, 255}));
+}
+
+// The brightest thousandth of the lit pixels is clipped, wherever they lie.
+TEST(Sensor, TheAutomaticScaleLeavesOutTheBrightestThousandth) {
+  std::mt19937 random(3);
+  for (const std::size_t lit : {1U, 999U, 1000U, 30000U, 123457U, 300000U})
+    for (const bool together : {false, true}) {
+      std::vector<float> radiance(300000, 0.F);
+      for (std::size_t i = 0; i < lit; ++i) radiance[i] = std::exp(std::normal_distribution<float>()(random));
+      std::vector<float> sorted(radiance.begin(), radiance.begin() + static_cast<std::ptrdiff_t>(lit));
+      std::sort(sorted.begin(), sorted.end());
+      radiance.back() = lit < radiance.size() ? std::numeric_limits<float>::quiet_NaN() : radiance.back();
+      if (!together) std::shuffle(radiance.begin(), radiance.end(), random);
+      EXPECT_EQ(almost_brightest(radiance), static_cast<double>(sorted[lit - 1 - lit / 1000])) << lit;
+    }
+  EXPECT_EQ(almost_brightest(std::vector<float>{}), 0);
+  EXPECT_EQ(almost_brightest(std::vector<float>(1000, std::numeric_limits<float>::quiet_NaN())), 0);
 }
 
 TEST(Sensor, DarkStaysDark) {
