@@ -8,6 +8,7 @@
 
 #include "engine/frame/band.h"
 #include "engine/frame/pose.h"
+#include "engine/frame/truth.h"
 
 namespace selenograph::engine {
 

@@ -55,25 +55,33 @@ HWY_INLINE CellCorners ReadCells(Sixteen d, const MarchGrid& grid, Lanes column,
 
 HWY_INLINE Lanes Between(Lanes from, Lanes to, Lanes share) { return hn::Add(from, hn::Mul(share, hn::Sub(to, from))); }
 
-// The table that bounds each segment and each part; null: the grid's highest post does.
+// What bounds the ground of a segment: a table's cell for the whole packet or, where its places are far apart for the
+// segment's length, a cell for each lane. Without a table the grid's highest post does.
+struct Bound {
+  const HighestPosts* table;
+  bool of_lanes;
+};
 struct ChosenTables {
-  std::vector<const HighestPosts*> segments, parts;
+  std::vector<Bound> segments, parts;
 };
 
-// Chooses for each segment the smallest table that covers it from anywhere in any of the packets.
+// Chooses for each segment the smallest table that covers it, from anywhere in any of the packets or from its lane.
 ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> packets) {
   float spread_m = 0, turn = 0;
   for (const MarchPlaces& places : packets) {
     spread_m = std::max(spread_m, places.spread_m);
     turn = std::max(turn, places.turn);
   }
-  const auto table_of = [&](const MarchSegment& segment) -> const HighestPosts* {
+  const auto table_of = [&](const MarchSegment& segment) -> Bound {
     const auto grid = static_cast<std::size_t>(segment.grid);
+    constexpr float kFarApart = 0.5F;  // over half the segment's length
+    const float apart_m = spread_m + turn * segment.far_m;
+    const bool of_lanes = apart_m > kFarApart * segment.half_m;
     // A position reads the posts around it; one more is a margin for rounding.
-    const float extent_posts = (segment.half_m + spread_m + turn * segment.far_m) * plan.grids[grid].posts_per_m + 2;
+    const float extent_posts = (segment.half_m + (of_lanes ? 0 : apart_m)) * plan.grids[grid].posts_per_m + 2;
     for (const HighestPosts& table : plan.highest[grid])
-      if (table.reach_posts() >= extent_posts) return &table;
-    return nullptr;
+      if (table.reach_posts() >= extent_posts) return {&table, of_lanes};
+    return {nullptr, false};
   };
   ChosenTables tables;
   for (const MarchSegment& segment : plan.segments) tables.segments.push_back(table_of(segment));
@@ -177,28 +185,45 @@ class PacketMarch {
     return rose;
   }
 
+  // Returns the index of the table's cell around the middle of a segment, as the first lane sees it.
+  std::size_t first_cell(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table) const {
+    const float w = k_[0] * segment.tan_middle, distance = segment.middle_m * (1 - w * (1 - w));
+    const float column = (places_.x[0] + dx_[0] * distance) * grid.posts_per_m + grid.middle;
+    const float row = (places_.y[0] + dy_[0] * distance) * grid.posts_per_m + grid.middle;
+    const int i = static_cast<int>(column) >> table.cell_log2, j = static_cast<int>(row) >> table.cell_log2;
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(table.side) + static_cast<std::size_t>(i);
+  }
+  // Returns the values of the cells around the middle of a segment, as each lane from `i` on sees it.
+  HWY_INLINE Lanes TopsOfLanes(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table,
+                               int i) const {
+    const Sixteen d;
+    const hn::Rebind<std::int32_t, Sixteen> di;
+    const Lanes unity = hn::Set(d, 1.F), scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle);
+    const Lanes w = hn::Mul(hn::Load(d, k_ + i), hn::Set(d, segment.tan_middle));
+    const Lanes distance = hn::Mul(hn::Set(d, segment.middle_m), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
+    const auto cell_at = [&](const float* from, const float* step) {
+      const Lanes at = hn::Add(hn::Load(d, from + i), hn::Mul(hn::Load(d, step + i), distance));
+      return hn::ShiftRightSame(hn::ConvertTo(di, hn::Add(hn::Mul(at, scale), middle)), table.cell_log2);
+    };
+    const auto column = cell_at(places_.x, dx_), row = cell_at(places_.y, dy_);
+    return hn::GatherIndex(d, table.heights.data(), hn::Add(hn::Mul(row, hn::Set(di, table.side)), column));
+  }
+
   // Returns true if ground of a segment may be above any lane's horizon by more than the tolerance.
-  bool may_rise(const MarchSegment& segment, const HighestPosts* table) const {
+  bool may_rise(const MarchSegment& segment, const Bound& bound) const {
     const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
     float top = grid.highest_m;
-    if (table) {
-      const float w = k_[0] * segment.tan_middle, distance = segment.middle_m * (1 - w * (1 - w));
-      const float column = (places_.x[0] + dx_[0] * distance) * grid.posts_per_m + grid.middle;
-      const float row = (places_.y[0] + dy_[0] * distance) * grid.posts_per_m + grid.middle;
-      const int i = static_cast<int>(column) >> table->cell_log2, j = static_cast<int>(row) >> table->cell_log2;
-      top = table->heights[static_cast<std::size_t>(j) * static_cast<std::size_t>(table->side) +
-                           static_cast<std::size_t>(i)];
-    }
+    if (bound.table && !bound.of_lanes) top = bound.table->heights[first_cell(segment, grid, *bound.table)];
     const Sixteen d;
-    const float near_one = 1 - top * plan_.per_radius;
-    const Lanes highest = hn::Set(d, top), at_near = hn::Set(d, near_one * segment.near_rise_per_m);
-    const Lanes at_far = hn::Set(d, near_one * segment.far_rise_per_m);
+    const Lanes at_near = hn::Set(d, segment.near_rise_per_m), at_far = hn::Set(d, segment.far_rise_per_m);
     constexpr auto kTolerance = static_cast<float>(kHorizonTolerance_deg * kRadiansPerDegree);
     const Lanes to_exceed = hn::Set(d, segment.near_drop + kTolerance);
     for (int i = 0; i < kPacket; i += kLanes) {
-      const Lanes rise = hn::Sub(highest, hn::Load(d, places_.height + i));
-      const Lanes bound = hn::Sub(hn::Max(hn::Mul(rise, at_near), hn::Mul(rise, at_far)), to_exceed);
-      if (!hn::AllFalse(d, hn::Gt(bound, hn::Load(d, horizon_ + i)))) return true;
+      const Lanes highest = bound.of_lanes ? TopsOfLanes(segment, grid, *bound.table, i) : hn::Set(d, top);
+      const Lanes rise =
+          hn::Mul(hn::Sub(highest, hn::Load(d, places_.height + i)), NearOne(d, highest, plan_.per_radius));
+      const Lanes tangent = hn::Sub(hn::Max(hn::Mul(rise, at_near), hn::Mul(rise, at_far)), to_exceed);
+      if (!hn::AllFalse(d, hn::Gt(tangent, hn::Load(d, horizon_ + i)))) return true;
     }
     return false;
   }

@@ -49,7 +49,7 @@ BODIES = {
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
             SENSOR, optics={"f_number": 4.0, "stray_light": {"b0_sr": 1.0, "shoulder": 0.01, "slope": -1.5}})),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
-            SENSOR, exposure={"target_fill": 0.5}, detector={**SENSOR["detector"], "full_well_e": 1e4, "integration_time_s": None})),
+            SENSOR, exposure={"target_fill": 0.5, "metering": {}}, detector={**SENSOR["detector"], "full_well_e": 1e4, "integration_time_s": None})),
     ),
     "/v1/maps": (
         {"map": MAP, "sun": FRAME["sun"], "accuracy": {}},

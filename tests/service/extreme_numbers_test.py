@@ -62,7 +62,7 @@ def frames():
     del strip["pose"]
     yield strip
     exposed = copy.deepcopy(SENSOR)
-    exposed["exposure"] = {"target_fill": 0.5}
+    exposed["exposure"] = {"target_fill": 0.5, "metering": {"region": {"x": 0, "y": 0, "width": 8, "height": 8}, "percentile": 99}}
     del exposed["detector"]["integration_time_s"]
     yield small(("image", "radiance"), band={"center_um": 0.65, "width_um": 0.3}, sensor=exposed)
     yield small(("radiance", "position"), truth={"region": {"x": 2, "y": 1, "width": 6, "height": 5}, "every_px": 2})

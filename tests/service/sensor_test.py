@@ -88,11 +88,11 @@ class SensorTest(unittest.TestCase):
         self.assertEqual(status, 422)
         self.assertEqual(json.loads(body)["errors"][0]["pointer"], "/sensor/detector/quantum_efficiency")
 
-    def auto_exposed(self, fill, **detector):
+    def auto_exposed(self, fill, exposure={}, **detector):
         document = copy.deepcopy(SENSOR)
         del document["detector"]["integration_time_s"]
         document["detector"].update(detector)
-        document["exposure"] = {"target_fill": fill}
+        document["exposure"] = {"target_fill": fill, **exposure}
         f = self.service.arrays(frame_request(("image",), band=BAND, sensor=document, surface=GROUND))
         return f["image"], f["meta"]
 
@@ -109,6 +109,18 @@ class SensorTest(unittest.TestCase):
             self.assertTrue(np.array_equal(given["image"], image), "another time than it says")
             self.assertEqual(meta["warnings"], [])
         self.assertEqual(meta["request"]["sensor"]["exposure"]["target_fill"], 0.6)
+
+    def test_metering_by_a_region(self):
+        region = {"x": 4, "y": 6, "width": 20, "height": 10}
+        for metering, statistic in (({"statistic": "mean"}, np.mean), ({"percentile": 50.0}, lambda pixels: np.sort(pixels, axis=None)[99])):
+            image, meta = self.auto_exposed(0.3, {"metering": {"region": region, **metering}})
+            self.assertAlmostEqual(float(statistic(image[6:16, 4:24].astype(float)) - 60) / (65535 - 60), 0.3, delta=0.002)
+            self.assertEqual(meta["warnings"], [])
+        _, meta = self.auto_exposed(0.3, {"longest_s": 1e-5})
+        self.assertIn("exposure.longest_s limits the integration time", meta["warnings"][0])
+        for wrong, pointer in (({"region": {**region, "width": 4000}}, "region/width"), ({"statistic": "mean", "percentile": 50}, "percentile")):
+            with self.assertRaisesRegex(AssertionError, "/sensor/exposure/metering/" + pointer):
+                self.auto_exposed(0.3, {"metering": wrong})
 
     def test_the_exposure_counts_the_offset(self):
         detector = {"offset_dn": 1000.0, "bit_depth": 12, "gain_e_dn": 10.0}

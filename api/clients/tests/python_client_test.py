@@ -490,6 +490,17 @@ class Maps(WithClient):
         self.assertEqual(tiff.media_type, "image/tiff")
 
 
+    def test_horizons_and_the_light_above_them(self):
+        places = {"places": [{"lat_deg": -6.5, "lon_deg": 40}, {"lat_deg": -6.4, "lon_deg": 40.1}],
+                  "horizon": {"azimuths": 16, "farthest_km": 5}}
+        found = self.client.horizons(places)
+        self.assertEqual(found["elevation_deg"].shape, (16, 2))
+        self.assertEqual(found.meta["request"]["horizon"]["farthest_km"], 5)
+        light = self.client.illumination({**places, "from_utc": "2026-11-20T00:00:00Z", "to_utc": "2026-11-21T00:00:00Z"})
+        self.assertEqual(light["sun"].shape, (25, 2))
+        np.testing.assert_allclose(light["sun_mean"], light["sun"].mean(axis=0), atol=1e-6)
+
+
 class Async(unittest.TestCase):
     def run_with_client(self, work):
         async def all_of_it():

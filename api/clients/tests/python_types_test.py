@@ -35,6 +35,8 @@ REQUEST_CLASSES = {
     "/v1/maps": request_types.MapRequest,
     "/v1/lidar": request_types.LidarRequest,
     "/v1/sky": request_types.SkyRequest,
+    "/v1/horizons": request_types.HorizonsRequest,
+    "/v1/illumination": request_types.IlluminationRequest,
 }
 # The path of each method whose keywords are members, and the keywords with another name or place there: in the elements of a
 # list, or among the members of a part (light).
@@ -47,7 +49,7 @@ METHODS = {
     "limb": ("/v1/limb", {}),
     "terminator": ("/v1/limb", {}),
 }
-WHOLE_REQUESTS = {"frame", "frames", "encoded", "map", "sky"}
+WHOLE_REQUESTS = {"frame", "frames", "encoded", "map", "sky", "horizons", "illumination"}
 WITHOUT_REQUEST = {"close", "datasets"}
 # The member of a part that each keyword of its constructors becomes, where it has another name or place there.
 POSE_MEMBERS = {"lat_deg": "geodetic/lat_deg", "lon_deg": "geodetic/lon_deg", "height_m": "geodetic/height_m",

@@ -12,8 +12,8 @@ import numpy as np
 from .answers import Answer, Frame, Scan, with_warnings
 from .client import Client
 from .frame_order import AnswersInOrder, answers_in_order
-from .request_types import (AnyFrameRequest, AnyLidarRequest, AnyLight, AnyMapRequest, AnyRegion, AnySkyRequest,
-                            Request)
+from .request_types import (AnyFrameRequest, AnyHorizonsRequest, AnyIlluminationRequest, AnyLidarRequest, AnyLight,
+                            AnyMapRequest, AnyRegion, AnySkyRequest, Request)
 
 _END = object()  # stands for the end of an iterable, since coroutines cannot raise StopIteration
 
@@ -60,6 +60,12 @@ class AsyncClient:
                       objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
                       detail: Optional[str] = None, light: Optional[AnyLight] = None) -> np.recarray:
         return await self._run(self._client.project, camera, pose, points, sun, objects, shutter, detail, light)
+
+    async def horizons(self, request: AnyHorizonsRequest) -> Frame:
+        return await self._run(self._client.horizons, request)
+
+    async def illumination(self, request: AnyIlluminationRequest) -> Frame:
+        return await self._run(self._client.illumination, request)
 
     async def lidar(self, request: AnyLidarRequest, directions: Any = None, times_s: Any = None) -> Scan:
         return await self._run(self._client.lidar, request, directions, times_s)

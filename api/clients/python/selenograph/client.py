@@ -16,8 +16,8 @@ from .frame_order import AnswersInOrder, answers_in_order
 from .records import Fields, records_of_arrays, records_of_objects
 from .region import region_of
 from .request_body import json_body, npz_body, without_none
-from .request_types import (AnyFrameRequest, AnyLidarRequest, AnyLight, AnyMapRequest, AnyRegion, AnySkyRequest,
-                            Request)
+from .request_types import (AnyFrameRequest, AnyHorizonsRequest, AnyIlluminationRequest, AnyLidarRequest, AnyLight,
+                            AnyMapRequest, AnyRegion, AnySkyRequest, Request)
 
 # Texts of /v1/project by the number that stands for each in arrays.
 REASONS = (None, "no dataset covers this place", "the datasets here have no valid post", "behind the camera",
@@ -101,6 +101,18 @@ class Client:
     def map(self, request: AnyMapRequest) -> Frame:
         """Renders products in a map projection: POST /v1/maps. `frame.meta["grid"]` has geotransform and WKT."""
         return with_warnings(Frame(self._calls.post_encoded("/v1/maps", request, "application/x-npz")))
+
+    def horizons(self, request: AnyHorizonsRequest) -> Frame:
+        """Finds elevations of the horizon, `elevation_deg` of azimuth and pixel or place: POST /v1/horizons."""
+        return Frame(self._calls.post_encoded("/v1/horizons", request, "application/x-npz"))
+
+    def illumination(self, request: AnyIlluminationRequest) -> Frame:
+        """Finds the light of Sun and Earth over a time span: POST /v1/illumination.
+
+        Statistics by pixel or place, sun_mean, earth_mean, longest_night_h, nights, longest_without_earth_h; and of
+        places the shares `sun` and `earth` of epoch and place.
+        """
+        return Frame(self._calls.post_encoded("/v1/illumination", request, "application/x-npz"))
 
     def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
              objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None,

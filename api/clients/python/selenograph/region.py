@@ -44,7 +44,7 @@ def _location(document: Any) -> Tuple[float, float]:
         return _lat_lon(document["map"]["center"])
     if "rays" in document:
         return lat_lon_of(document["rays"][0]["origin_m"])
-    return _lat_lon(document["points"][0])
+    return _lat_lon(document["places" if "places" in document else "points"][0])
 
 
 def _lat_lon(location: Mapping[str, Any]) -> Tuple[float, float]:

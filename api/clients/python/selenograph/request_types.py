@@ -93,6 +93,23 @@ class SkyRequest(TypedDict, total=False):
     objects: Sequence[Request]
 
 
+class HorizonsRequest(TypedDict, total=False):
+    """POST /v1/horizons."""
+
+    map: Request
+    places: Sequence[Request]
+    detail: Optional[str]
+    horizon: Request
+
+
+class IlluminationRequest(HorizonsRequest, total=False):
+    """POST /v1/illumination."""
+
+    from_utc: str
+    to_utc: str
+    step_s: float
+
+
 class Light(TypedDict, total=False):
     """Members of POST /v1/rays and /v1/project for irradiance."""
 
@@ -115,5 +132,7 @@ AnyFrameRequest = Union[FrameRequest, Request]
 AnyMapRequest = Union[MapRequest, Request]
 AnyLidarRequest = Union[LidarRequest, Request]
 AnySkyRequest = Union[SkyRequest, Request]
+AnyHorizonsRequest = Union[HorizonsRequest, Request]
+AnyIlluminationRequest = Union[IlluminationRequest, Request]
 AnyLight = Union[Light, Request]
 AnyRegion = Union[Region, Request]
