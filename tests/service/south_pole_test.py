@@ -1,0 +1,82 @@
+#!/usr/bin/env python3
+"""Runs the commands of engine/horizons/south_pole.md on the polar piece that it names, and checks what it says of them."""
+
+import csv
+import os
+import re
+import shlex
+import subprocess
+import unittest
+
+import numpy as np
+from osgeo import gdal
+
+import harness
+import readme_test
+from harness import REPOSITORY
+
+gdal.UseExceptions()
+
+PAGE = "engine/horizons/south_pole.md"
+TERRAIN = "/data/pole.tif"  # as the page calls it
+PIECE = "NPC_final_adj_5mpp_surf_piece_2km_2_1.tif"
+
+
+def setUpModule():
+    if not harness.shared_data("real"):
+        raise unittest.SkipTest(f"no shared data: {PAGE} needs real/{PIECE}")
+    harness.set_up()
+    os.symlink(os.path.join(REPOSITORY, "deploy"), harness.path("deploy"))
+    os.mkdir(harness.path("build"))
+    os.symlink(os.path.abspath(harness.BINARY), harness.path("build", "selenograph"))
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class SouthPole(unittest.TestCase):
+    def run_page(self):
+        with open(os.path.join(REPOSITORY, PAGE)) as file:
+            text = file.read().replace("\\\n", " ")
+        commands = [line for block in re.findall(r"```sh\n(.*?)```", text, re.S) for line in block.splitlines()]
+        environment = {**os.environ, "SELENOGRAPH_CACHE_DIR": harness.path("cache")}
+        for command in commands:
+            words = [os.path.join(harness.shared_data("real"), PIECE) if word == TERRAIN else word for word in shlex.split(command)]
+            done = subprocess.run(words, cwd=harness.path(), env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                  text=True, timeout=harness.PATIENCE_S * 5)
+            self.assertEqual(done.returncode, 0, f"{command}\n{done.stdout[-2000:]}")
+        return text
+
+    def test_a_season(self):
+        text = self.run_page()
+        said = {name: float(value) for value, name in re.findall(r"([\d.]+)<!-- (\w+) -->", text)}
+        year = gdal.Open(harness.path("year.tif")).ReadAsArray()
+        sun, earth, night, _, without_earth = year
+        hours = 365 * 24
+        measured = {"sun": sun.mean(), "brightest": sun.max(), "dark": 100 * np.mean(sun == 0),
+                    "earth": earth.mean(), "unseen": 100 * np.mean(earth == 0)}
+        for name, value in measured.items():
+            self.assertAlmostEqual(said[name], value, delta=0.02 * said[name] + 0.006, msg=name)
+        self.assertTrue(np.all((night >= hours - 24) == (sun == 0)))
+        self.assertTrue(np.all(without_earth[earth == 0] >= hours - 24))
+        # The floor of the crater, and the ground beside it.
+        with open(harness.path("illumination.csv"), newline="") as file:
+            rows = list(csv.reader(file))
+        series = np.array([[float(value) for value in row[1:]] for row in rows[1:]])
+        self.assertEqual(series[:, 0].max(), 0, "the floor of the crater is never lit")
+        self.assertGreater(series[:, 2].max(), 0.99)
+        self.assertGreater(os.path.getsize(harness.path("illumination.png")), 20000)
+        # In the crater's shadow the light is that of its walls: frames metered there are not black.
+        for name, dark in (("1000m", False), ("300m", True), ("60m", True)):
+            with np.load(harness.path("descent", name + ".npz")) as frame:
+                image = frame["image"].astype(float)
+            middle = image[206:306, 206:306].mean() / 4095
+            self.assertTrue(0.5 < middle < 0.7 if dark else middle < 0.02, (name, middle))
+
+    def test_the_blocks_are_shell(self):
+        self.assertEqual({language for language, _, _ in readme_test.blocks(PAGE)}, {"sh"})
+
+
+if __name__ == "__main__":
+    harness.main()
