@@ -9,14 +9,20 @@ namespace selenograph::api {
 
 using engine::ImageRegion;
 
+std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
+
+namespace {
+
+std::int64_t last_pixel(const Limits& limits) { return limits.max_image_side - 1; }
+
+}  // namespace
+
 const Members<ImageRegion>& region_members() {
-  const auto last_pixel = [](const Limits& limits) { return std::int64_t{limits.max_image_side - 1}; };
-  const auto max_side = [](const Limits& limits) { return std::int64_t{limits.max_image_side}; };
-  static const auto table = make_table<Members<ImageRegion>>("Region", "Pixels of the image.", [&](auto& m) {
+  static const auto table = make_table<Members<ImageRegion>>("Region", "Pixels of the image.", [](auto& m) {
     m.add("x", &ImageRegion::x, Integer{0, last_pixel, "px"}, "first column").required();
     m.add("y", &ImageRegion::y, Integer{0, last_pixel, "px"}, "first row").required();
-    m.add("width", &ImageRegion::width, Integer{1, max_side, "px"}, "columns").required();
-    m.add("height", &ImageRegion::height, Integer{1, max_side, "px"}, "rows").required();
+    m.add("width", &ImageRegion::width, Integer{1, largest_side, "px"}, "columns").required();
+    m.add("height", &ImageRegion::height, Integer{1, largest_side, "px"}, "rows").required();
   });
   return *table;
 }

@@ -1,11 +1,16 @@
 // A rectangle of an image's pixels: "region".
 #pragma once
 
+#include <cstdint>
+
 #include "api/schema/members.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/truth.h"
 
 namespace selenograph::api {
+
+// Returns the most rows and columns that an image may have.
+std::int64_t largest_side(const Limits& limits);
 
 const Members<engine::ImageRegion>& region_members();
 

@@ -9,8 +9,6 @@
 namespace selenograph::api {
 namespace {
 
-std::int64_t max_side(const Limits& limits) { return limits.max_image_side; }
-
 constexpr std::pair<std::string_view, engine::TruthGrid::Floats> kFloats[] = {
     {"float64", engine::TruthGrid::Floats::float64},
     {"float32", engine::TruthGrid::Floats::float32},
@@ -30,7 +28,7 @@ const Members<engine::TruthGrid>& truth_members() {
       "their arrays belongs to the image's pixel in row y + r * every_px and column x + c * every_px.",
       [](auto& m) {
         m.add("region", region_field, Object{region_members()}, "left out: the whole image");
-        m.add("every_px", &TruthGrid::every_px, Integer{1, max_side, "px"},
+        m.add("every_px", &TruthGrid::every_px, Integer{1, largest_side, "px"},
               "every n-th row and column of the region, from its first");
         m.add("position_origin_m", &TruthGrid::position_origin_m, Vector{kCoordinate_m, "m"},
               "MOON_ME, whatever the pose's frame: `position` is relative to it, as float32 (accurate to 6e-8 of the "
