@@ -92,6 +92,10 @@ int level_of(double spacing_m) {
   return std::clamp(static_cast<int>(std::ceil(level - 1e-6)), 0, dem::kMaxLevel);
 }
 
+bool lies_in(const dem::BlockExtent& e, const Ticks& t) {
+  return t.whole_lat >= e.lat0 && t.whole_lat < e.lat1() && t.whole_lon >= e.lon0 && t.whole_lon < e.lon1();
+}
+
 // Blocks of one level at given directions, loaded once each.
 class BlocksAtDirections {
  public:
@@ -100,14 +104,20 @@ class BlocksAtDirections {
     std::vector<BlockId> ids(directions.size());
     in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
+      BlockId id;
+      dem::BlockExtent extent{};  // of the last direction's block
       for (std::size_t group = first; group < past_last; group += kGroup) {
         const std::size_t end = std::min(group + kGroup, past_last);
         Angles angles[kGroup];
         angles_of(directions.subspan(group, end - group), angles);
         for (std::size_t i = group; i < end; ++i) {
           const auto& [lat, lon] = angles[i - group];
-          ticks_[i] = dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
-          ids[i] = dem::block_at(level, ticks_[i].whole_lat, ticks_[i].whole_lon);
+          const Ticks& ticks = ticks_[i] = dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
+          if (!lies_in(extent, ticks)) {  // spares a lookup: neighbouring directions mostly share a block
+            id = dem::block_at(level, ticks.whole_lat, ticks.whole_lon);
+            extent = dem::extent_of(id);
+          }
+          ids[i] = id;
         }
       }
     });
@@ -116,7 +126,7 @@ class BlocksAtDirections {
     std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> slot_of_ancestor;
     std::vector<BlockId> ids_to_load;
     for (std::size_t i = 0; i < ids.size(); ++i) {
-      if (i > 0 && ids[i] == ids[i - 1]) {  // spares a lookup: neighbouring directions mostly share a block
+      if (i > 0 && ids[i] == ids[i - 1]) {  // spares a lookup
         slots_[i] = slots_[i - 1];
         continue;
       }

@@ -167,7 +167,8 @@ TEST(Arrays, AnEightBitImageIsNarrowed) {
 TEST(Arrays, AHalfIsRoundedOnce) {
   engine::FrameRequest request;
   request.camera.width = 6, request.camera.height = 1;
-  request.truth.emplace(engine::TruthGrid{.width = 6, .height = 1, .distances = engine::TruthGrid::Floats::float16});
+  engine::TruthGrid& truth = request.truth.emplace();
+  truth.width = 6, truth.height = 1, truth.distances = engine::TruthGrid::Floats::float16;
   engine::Frame frame;
   frame.products.depth = {2049 - 1e-6, 2049, 2049 + 1e-6, 2051 - 1e-6, 2051, kNan};
   Narrowed narrowed;
