@@ -14,9 +14,9 @@ Basilisk's default, IAU_MOON, is off by up to about 150 m. The camera frame C ha
 +y down, +z boresight.
 
 The message is Python's, for Python modules: it holds the array in place of CameraImageMsgPayload's imagePointer, which
-can't be set from Python. Basilisk isn't in Debian: ../tests/adapters_test.py runs this module with stand-ins that have
-the members of Basilisk's published messages; inside Basilisk itself it was not run. Needs the package selenograph
-(../python) and NumPy.
+can't be set from Python. A frame that the service refuses is a warning, and a message with valid 0: the simulation goes
+on. README.md says for which Basilisk this was written and how it is tested. Needs the package selenograph (../python)
+and NumPy.
 """
 
 import dataclasses
@@ -106,10 +106,10 @@ class SelenographCamera(sysModel.SysModel):
         self.imageOutMsg = ImageMsg()
 
     def Reset(self, CurrentSimNanos):
-        for name in ("scStateInMsg", "moonInMsg", "sunInMsg"):
-            if not getattr(self, name).isLinked():
-                self.bskLogger.bskLog(bskLogging.BSK_ERROR, f"SelenographCamera.{name} is not linked.")
         self.imageOutMsg.write(Image(cameraID=self.cameraID), CurrentSimNanos, self.moduleID)
+        unlinked = [name for name in ("scStateInMsg", "moonInMsg", "sunInMsg") if not getattr(self, name).isLinked()]
+        if unlinked:
+            self.bskLogger.bskLog(bskLogging.BSK_ERROR, f"SelenographCamera: not linked: {', '.join(unlinked)}.")
 
     def UpdateState(self, CurrentSimNanos):
         moon = self.moonInMsg()
@@ -120,6 +120,7 @@ class SelenographCamera(sysModel.SysModel):
             out.image = out.frame["image"]
             out.imageBufferLength, out.valid = out.image.nbytes, 1
         except (selenograph.Refused, OSError, ValueError, LookupError) as error:
-            # The message says that there is no image.
-            self.bskLogger.bskLog(bskLogging.BSK_ERROR, f"SelenographCamera: {error}")
+            # The message says that there is no image. BSK_ERROR would end the simulation: Basilisk raises it in Python.
+            # bskLog's text is a format of printf.
+            self.bskLogger.bskLog(bskLogging.BSK_WARNING, f"SelenographCamera: {error}".replace("%", "%%"))
         self.imageOutMsg.write(out, CurrentSimNanos, self.moduleID)

@@ -77,7 +77,7 @@ class Renderer:
         self.request.pop("pose", None)
         self.product = parameter("product", "image")
         self.request["products"] = [self.product]
-        if self.product in ("depth", "range"):  # depth images are 32FC1, in metres (REP 118)
+        if self.product in ("depth", "range"):  # 32FC1, as a depth image by REP 118
             self.request["truth"] = {"distance_type": "float32", **(self.request.get("truth") or {})}
         self.moon_frame = parameter("moon_frame", "moon_me")
         self.camera_frame = parameter("camera_frame", "camera_optical")

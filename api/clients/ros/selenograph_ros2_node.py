@@ -13,14 +13,14 @@ image. The quality of service is reliable, with a depth of queue_size.
 Parameters, read once at the start, with their types (timeout_s:=20.0): url; token (""); timeout_s (10.0); request, a
 file with a frame's request as JSON, whose pose is ignored (it needs a Sun, or the time stamps must be UTC: without "sun"
 the Sun is computed for the stamp), and which has no "cameras", and in "truth" no region, every_px or float16; product
-("image": mono8 or mono16; "depth" or "range": 32FC1, in metres, a depth image by REP 118, or 64FC1 with the request's
-"truth": {"distance_type": "float64"}; or any other product); moon_frame ("moon_me"); camera_frame ("camera_optical");
-queue_size (10): poses that wait while a frame is rendered; the oldest is dropped beyond it. A depth image comes from a
-second node: -p product:=depth -r __node:=depth -r image_raw:=depth/image_raw.
+("image": mono8 or mono16; "depth", along the boresight: a depth image by REP 118, and "range", along each pixel's ray:
+32FC1, in metres, or 64FC1 with the request's "truth": {"distance_type": "float64"}; or any other product); moon_frame
+("moon_me"); camera_frame ("camera_optical"); queue_size (10): poses that wait while a frame is rendered; the oldest is
+dropped beyond it. A depth image comes from a second node, on a topic that REP 118 calls image: -p product:=depth
+-r __node:=depth -r image_raw:=depth/image -r camera_info:=depth/camera_info.
 
 Needs rclpy, sensor_msgs and geometry_msgs of a ROS 2, selenograph_ros.py beside it and the package selenograph
-(../python) in PYTHONPATH. Debian has no ROS 2: ../tests/adapters_test.py runs this node with stand-ins for rclpy and its
-messages; within ROS 2 itself it was not run.
+(../python) in PYTHONPATH. README.md says for which ROS 2 this was written and how it is tested.
 """
 
 import array

@@ -133,6 +133,10 @@ class Payload:
         raise AttributeError(f"{self.name}.{member} is another module's")
 
 
+class BasiliskError(Exception):
+    pass
+
+
 def basilisk_stand_ins():
     """The parts of Basilisk that the adapter sees, as far as it sees them."""
 
@@ -156,14 +160,21 @@ def basilisk_stand_ins():
         moduleID = 1
 
         def __init__(self):
-            self.errors = []
-            self.bskLogger = types.SimpleNamespace(bskLog=lambda level, text: self.errors.append(text))
+            self.warnings = []
+            self.bskLogger = types.SimpleNamespace(bskLog=self.log)
+
+        def log(self, level, text):
+            """As bskLog does since it raises errors in Python; the text is a format of printf, without values."""
+            text = text % ()
+            if level == "BSK_ERROR":
+                raise BasiliskError(text)
+            self.warnings.append(text)
 
     architecture = types.ModuleType("Basilisk.architecture")
     architecture.messaging = types.SimpleNamespace(SCStatesMsgReader=reader("SCStatesMsgPayload"),
                                                    SpicePlanetStateMsgReader=reader("SpicePlanetStateMsgPayload"))
     architecture.sysModel = types.SimpleNamespace(SysModel=SysModel)
-    architecture.bskLogging = types.SimpleNamespace(BSK_ERROR="error")
+    architecture.bskLogging = types.SimpleNamespace(BSK_ERROR="BSK_ERROR", BSK_WARNING="BSK_WARNING")
     return {"Basilisk": types.ModuleType("Basilisk"), "Basilisk.architecture": architecture}
 
 
@@ -203,7 +214,7 @@ class Basilisk(Adapter):
         self.assertEqual(model.imageOutMsg().valid, 0)
         model.UpdateState(5000000000)
         out = model.imageOutMsg()
-        self.assertEqual(model.errors, [])
+        self.assertEqual(model.warnings, [])
         self.assertEqual((out.timeTag, out.valid, out.cameraID), (5000000000, 1, 7))
         self.assertEqual(model.imageOutMsg.timeWritten(), 5000000000)
         self.assertEqual(out.image.shape, (48, 64))
@@ -217,8 +228,8 @@ class Basilisk(Adapter):
         model = self.camera(height_m=-5000.0)
         model.UpdateState(1)
         self.assertEqual((model.imageOutMsg().valid, model.imageOutMsg().image), (0, None))
-        self.assertEqual(len(model.errors), 1)
-        self.assertIn("/pose", model.errors[0])
+        self.assertEqual(len(model.warnings), 1)
+        self.assertIn("/pose", model.warnings[0])
 
     def test_answers_that_are_no_frame_are_logged(self):
         model = self.camera()
@@ -227,12 +238,20 @@ class Basilisk(Adapter):
             with FakeService(answer) as fake, selenograph.Client(fake.url) as model.client:
                 model.UpdateState(1)
             self.assertEqual(model.imageOutMsg().valid, 0)
-        self.assertEqual(len(model.errors), 2, model.errors)
+        self.assertEqual(len(model.warnings), 2, model.warnings)
+
+    def test_a_text_with_a_percent_sign(self):
+        """It reaches the log as it is."""
+        model = self.camera()
+        answer = (400, {"Content-Type": "application/problem+json"}, b'{"title": "100 %s of the sky", "status": 400}')
+        with FakeService(answer) as fake, selenograph.Client(fake.url) as model.client:
+            model.UpdateState(1)
+        self.assertIn("100 %s of the sky", model.warnings[0])
 
     def test_unlinked_messages_are_reported(self):
         model = self.module.SelenographCamera(self.client, self.request)
-        model.Reset(0)
-        self.assertEqual(len(model.errors), 3)
+        with self.assertRaisesRegex(BasiliskError, "not linked: scStateInMsg, moonInMsg, sunInMsg"):
+            model.Reset(0)
         with self.assertRaises(ValueError):
             self.module.SelenographCamera(self.client, {"products": ["range"]})
         with self.assertRaisesRegex(ValueError, "cameras"):
@@ -312,7 +331,8 @@ class RosConversions(Adapter):
 
 
 # Members as in ros2/common_interfaces, sensor_msgs/msg and geometry_msgs/msg (CameraInfo.msg of commit 27b84d39, Image.msg of
-# 22012ae1), std_msgs/msg/Header.msg and ros2/rcl_interfaces, builtin_interfaces/msg/Time.msg.
+# 22012ae1), std_msgs/msg/Header.msg and ros2/rcl_interfaces, builtin_interfaces/msg/Time.msg. ../ros/README.md says where
+# each was read.
 ROS2 = {
     "Time": {"sec": "int32", "nanosec": "uint32"},
     "Header": {"stamp": "Time", "frame_id": "string"},
@@ -339,6 +359,8 @@ class Ros2Message:
             scalars = {"string": "", "float64": 0.0, "bool": False}
             size = re.search(r"\[(\d*)\]", kind)
             value = ([0.0] * int(size[1] or 0) if size else ROS2_CLASSES[kind]() if kind in ROS2 else scalars.get(kind, 0))
+            if (type(self).__name__, member) == ("Quaternion", "w"):
+                value = 1.0  # the only default that the definitions have
             setattr(self, member, values.get(member, value))
 
     def __setattr__(self, member, value):
