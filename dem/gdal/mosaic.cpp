@@ -32,14 +32,14 @@ void write_mosaic(const std::string& path, std::span<const std::string> files) {
   const QuietGdal quiet;
   std::vector<const char*> names;
   for (const std::string& file : files) names.push_back(file.c_str());
-  const std::string part = path + ".part.vrt";
+  const std::string unfinished = path + ".part.vrt";
   {
     const DatasetPtr mosaic(GDALDataset::FromHandle(
-        GDALBuildVRT(part.c_str(), static_cast<int>(names.size()), nullptr, names.data(), nullptr, nullptr)));
+        GDALBuildVRT(unfinished.c_str(), static_cast<int>(names.size()), nullptr, names.data(), nullptr, nullptr)));
     if (!mosaic) throw DataError(path, CPLGetLastErrorMsg());
     copy_names(*open_map(files.front()), *mosaic);
   }
-  std::filesystem::rename(part, path);
+  std::filesystem::rename(unfinished, path);
 }
 
 }  // namespace selenograph::dem

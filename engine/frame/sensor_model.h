@@ -79,7 +79,7 @@ struct Detector {
   int bit_depth = 8;  // 1 to 16: digital numbers from 0 to 2^bit_depth - 1
 };
 
-// What of an image automatic exposure brings to its target.
+// The pixels of an image that automatic exposure brings to its target.
 struct Metering {
   enum class Statistic { percentile, mean };
 

@@ -55,8 +55,8 @@ HWY_INLINE CellCorners ReadCells(Sixteen d, const MarchGrid& grid, Lanes column,
 
 HWY_INLINE Lanes Between(Lanes from, Lanes to, Lanes share) { return hn::Add(from, hn::Mul(share, hn::Sub(to, from))); }
 
-// What bounds the ground of a segment: a table's cell for the whole packet or, where its places are far apart for the
-// segment's length, a cell for each lane. Without a table the grid's highest post does.
+// The highest ground of a segment is that of a table's cell for the whole packet or, where its places are far apart for
+// the segment's length, of a cell for each lane. Without a table it is the grid's highest post.
 struct Bound {
   const HighestPosts* table;
   bool of_lanes;
