@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes each symptom of api/looks-wrong.md, and checks the sign that the page names and that its change helps."""
+"""Makes each symptom of api/looks-wrong.md, and checks what the page says of its metadata and its fix."""
 
 import json
 import os
@@ -64,6 +64,10 @@ class LooksWrong(unittest.TestCase):
         self.assertEqual(f["image"].max(), 0)
         self.assertLess(meta["view"]["sun"]["elevation_deg"], 0)
         self.warned(meta, "no signal")
+        f, meta = self.frame(("image", "lit"), sun=sun(0.3), camera={"width": 8, "height": 8, "fov_deg": 0.05})
+        self.assertEqual(f["lit"].max(), 0, "not behind terrain")
+        self.assertGreater(meta["view"]["sun"]["elevation_deg"], 0)
+        self.warned(meta, "no signal")
 
     def test_it_is_black_and_should_see_the_Moon(self):
         f, meta = self.frame(pose=nadir(tilt_deg=180, azimuth_deg=0))
@@ -98,14 +102,20 @@ class LooksWrong(unittest.TestCase):
         self.assertLess(meta["view"]["post_px"], 1)
         self.assertLess(np.abs(sixteen - mean).mean(), 0.4 * np.abs(one - mean).mean())
 
-    def test_it_is_noise_at_night_or_in_shadow(self):
+    def test_it_is_noise_alone(self):
+        night = sun(-20)
+        metered = {**SENSOR, "exposure": {"target_fill": 0.5, "longest_s": 1e4, "metering": {"statistic": "mean"}}}
+        f, meta = self.frame(sensor=metered, band=BAND, sun=night)
+        self.assertEqual(meta["exposure"]["brightest_signal_e"], 0)
+        self.assertGreater(f["image"].std(), 0)
+        self.warned(meta, "no signal")
+        _, meta = self.frame(sensor=metered, band=BAND, sun=night,
+                             indirect={"earth": {"direction": [1.0, 0.0, 0.0]}}, surface={"preset": "moon"})
+        self.assertGreater(meta["exposure"]["brightest_signal_e"], 100 * SENSOR["detector"]["read_noise_e"])
         short = {**SENSOR, "detector": {**SENSOR["detector"], "integration_time_s": 1e-7}}
         _, meta = self.frame(sensor=short, band=BAND)
         self.assertLess(meta["exposure"]["brightest_signal_e"], SENSOR["detector"]["read_noise_e"])
         self.warned(meta, "below the read noise")
-        metered = {**SENSOR, "exposure": {"target_fill": 0.5, "metering": {"statistic": "mean"}}}
-        _, meta = self.frame(sensor=metered, band=BAND)
-        self.assertGreater(meta["exposure"]["brightest_signal_e"], 100 * SENSOR["detector"]["read_noise_e"])
 
     def test_it_is_shifted_by_half_a_pixel(self):
         camera = {"width": 64, "height": 48, "fx": 80.0, "fy": 80.0}
@@ -122,7 +132,7 @@ class LooksWrong(unittest.TestCase):
         self.assertAlmostEqual(meta["view"]["up_azimuth_deg"] % 360, 180, places=6)
         self.assertGreater(np.corrcoef(up["radiance"].ravel(), down["radiance"][::-1, ::-1].ravel())[0, 1], 0.9)
 
-    def test_it_is_mirrored_as_it_seems(self):
+    def test_it_is_apparently_mirrored(self):
         f, meta = self.frame(("geodetic",))
         self.assertGreater(f["geodetic"][:, -1, 1].mean(), f["geodetic"][:, 0, 1].mean())
         corners = meta["view"]["corners"]

@@ -2,6 +2,7 @@
 """Runs the commands of engine/horizons/south_pole.md on the polar piece that it names, and checks what it says of them."""
 
 import csv
+import json
 import os
 import re
 import shlex
@@ -70,9 +71,11 @@ class SouthPole(unittest.TestCase):
         # In the crater's shadow the light is that of its walls: frames metered there are not black.
         for name, dark in (("1000m", False), ("300m", True), ("60m", True)):
             with np.load(harness.path("descent", name + ".npz")) as frame:
-                image = frame["image"].astype(float)
+                image, exposure = frame["image"].astype(float), json.loads(bytes(frame["meta.json"]))["exposure"]
             middle = image[110:210, 110:210].mean() / 4095
             self.assertAlmostEqual(middle, 0.4 if dark else 0.01, delta=0.05 if dark else 0.01, msg=name)
+            dark_e = 125 * exposure["integration_time_s"]  # of the preset
+            self.assertLess(dark_e, 0.05 * 0.4 * 13500, name)
 
     def test_the_blocks_are_shell(self):
         self.assertEqual({language for language, _, _ in readme_test.blocks(PAGE)}, {"sh"})

@@ -236,8 +236,9 @@ const Members<Detector>& detector_members() {
     m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
           "t of eq. (8); left out where `exposure` chooses it");
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "capacity of a pixel; 0: unlimited");
-    m.add("blooming", &Detector::blooming, Flag{},
-          "what exceeds a pixel's capacity spills along its column, half of it to either side, until pixels have room");
+    m.add(
+        "blooming", &Detector::blooming, Flag{},
+        "what exceeds a pixel's capacity spills along its column, half of it up and half down, until pixels have room");
     m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "dark current of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
           "smear of frame transfer without a shutter: time per row shift");
@@ -275,11 +276,11 @@ constexpr std::pair<std::string_view, Metering::Statistic> kMeteringStatistics[]
 
 const Members<Metering>& metering_members() {
   static const auto table = make_table<Members<Metering>>(
-      "Metering", "The pixels that automatic exposure brings to `target_fill`.", [](auto& m) {
+      "Metering", "The pixels that automatic exposure brings to `target_fill`, whatever they see.", [](auto& m) {
         m.add("region", &Metering::region, Object{region_members()}, "left out: the whole image")
             .written_if([](const Metering& metering) { return metering.region.width > 0; });
         m.add("statistic", &Metering::statistic, Word{kMeteringStatistics},
-              "what reaches it: a percentile of the region's pixels, or their mean");
+              "what reaches it: a percentile of the region's pixels, or their mean, unclipped");
         m.add("percentile", &Metering::percentile, Number{{0, 100}, "%"},
               "share of the pixels that stay within it; the brighter ones exceed it")
             .only_for({"percentile"});
