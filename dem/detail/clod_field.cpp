@@ -16,7 +16,7 @@ constexpr double kMaxDensity = 3;                     // of a patch, over the me
 constexpr double kMinHeightOverSize = 0.06, kMaxHeightOverSize = 0.25;
 constexpr float kMaxTilt = 0.35F;  // of the top along one axis: relative change of height from the centre to the edge
 
-// A clod's outline and top, in radii from its centre along its own axes.
+// A clod's outline and top. `u` and `v` are offsets from its centre along its own axes, in its radii along these.
 class ClodShape {
  public:
   static constexpr std::size_t kSides = 5;
@@ -25,9 +25,10 @@ class ClodShape {
     Draws draws(shape_seed, 0, 0, 0);
     const auto between = [&](double low, double high) { return low + (high - low) * draws.uniform(); };
     const double azimuth = between(0, 2 * std::numbers::pi);
-    cos_azimuth_ = std::cos(azimuth);
-    sin_azimuth_ = std::sin(azimuth);
-    width_ = between(0.6, 1.0);
+    const double width = between(0.6, 1.0);
+    // The size is two radii.
+    u_ = {static_cast<float>(2 * std::cos(azimuth)), static_cast<float>(2 * std::sin(azimuth))};
+    v_ = {static_cast<float>(-2 * std::sin(azimuth) / width), static_cast<float>(2 * std::cos(azimuth) / width)};
     for (std::size_t i = 0; i < kSides; ++i) {
       const double angle = (static_cast<double>(i) + between(-0.3, 0.3)) * 2 * std::numbers::pi / kSides,
                    distance = between(0.6, 0.95);
@@ -36,59 +37,32 @@ class ClodShape {
     }
     tilt_u_ = static_cast<float>(between(-1, 1)) * kMaxTilt;
     tilt_v_ = static_cast<float>(between(-1, 1)) * kMaxTilt;
-    height_over_size_ = between(kMinHeightOverSize, kMaxHeightOverSize);
+    height_over_size_ = static_cast<float>(between(kMinHeightOverSize, kMaxHeightOverSize));
   }
 
-  double height_over_size() const { return height_over_size_; }
-  // Returns the clod's two horizontal axes (MOON_ME), each divided by the clod's radius along it: their dot products
-  // with an offset from its centre are u and v. `radius` and offsets are chords of the unit sphere.
-  std::array<Vec3, 2> axes(const EastNorthUp& local, double radius) const {
-    return {(cos_azimuth_ * local.east + sin_azimuth_ * local.north) / radius,
-            (cos_azimuth_ * local.north - sin_azimuth_ * local.east) / (radius * width_)};
-  }
-  // Returns the height at (u, v) relative to height_over_size() times the size; 0 outside.
-  float height(float u, float v) const {
+  // Returns the height at an offset from the centre, all in sizes; 0 outside.
+  float height(float east, float north) const {
+    const float u = u_[0] * east + u_[1] * north, v = v_[0] * east + v_[1] * north;
     const float ellipse = u * u + v * v;
     if (ellipse >= 1) return 0;
     float polygon = 0;
     for (std::size_t i = 0; i < kSides; ++i) polygon = std::max(polygon, side_u_[i] * u + side_v_[i] * v);
     constexpr float kEllipseWeight = 0.45F;
     const float outward = kEllipseWeight * ellipse + (1 - kEllipseWeight) * polygon * polygon;
-    return outward >= 1 ? 0 : std::sqrt(1 - outward) * (1 + tilt_u_ * u + tilt_v_ * v);
+    return outward >= 1 ? 0 : height_over_size_ * std::sqrt(1 - outward) * (1 + tilt_u_ * u + tilt_v_ * v);
   }
-  // Upper bound of height(): 1.15, at full tilt toward the widest corner of the pentagon.
+  // Upper bound of height() over the height of a level top: 1.15, at full tilt toward the widest corner of the
+  // pentagon.
   static constexpr float kMaxRelativeHeight = 1.2F;
 
  private:
-  double cos_azimuth_, sin_azimuth_, width_, height_over_size_;
+  std::array<float, 2> u_, v_;  // factors of the offsets to the east and to the north
   std::array<float, kSides> side_u_{}, side_v_{};
-  float tilt_u_, tilt_v_;
+  float tilt_u_, tilt_v_, height_over_size_;
 };
 
-// Mean area of clods over size^2, and mean volume over size^3.
-struct MeanShape {
-  double area = 0, volume = 0;
-};
-MeanShape measure_shapes() {
-  constexpr int kShapes = 512, kSteps = 24;
-  MeanShape mean;
-  for (int n = 0; n < kShapes; ++n) {
-    const ClodShape shape(static_cast<std::uint64_t>(n) * kSplitMixStep);
-    const std::array<Vec3, 2> axes = shape.axes({Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()}, 0.5);
-    for (int i = 0; i < kSteps; ++i)
-      for (int j = 0; j < kSteps; ++j) {
-        const Vec3 sample((i + 0.5) / kSteps - 0.5, (j + 0.5) / kSteps - 0.5, 0);
-        const float height =
-            shape.height(static_cast<float>(axes[0].dot(sample)), static_cast<float>(axes[1].dot(sample)));
-        mean.area += height > 0;
-        mean.volume += static_cast<double>(height) * shape.height_over_size();
-      }
-  }
-  constexpr double kSamples = double{kShapes} * kSteps * kSteps;
-  return {mean.area / kSamples, mean.volume / kSamples};
-}
-const MeanShape& mean_shape() {
-  static const MeanShape mean = measure_shapes();
+const MeanLump& mean_clod() {
+  static const MeanLump mean = measure_lumps<ClodShape>();
   return mean;
 }
 
@@ -97,7 +71,7 @@ const MeanShape& mean_shape() {
 // they cover 2 ln 2 c times the mean area over D^2.
 SizeFrequency frequency_of(const ClodLaw& law) {
   if (law.cover == 0) return {};
-  return {{{law.cover / (2 * std::numbers::ln2 * mean_shape().area), 2}}};
+  return {{{law.cover / (2 * std::numbers::ln2 * mean_clod().area), 2}}};
 }
 
 }  // namespace
@@ -108,7 +82,7 @@ ClodField::ClodField(const ClodLaw& law, const Region& region_of_centres)
       cells_(law.seed ^ kClods, frequency_of(law), law.smallest_m, law.largest_m, kMaxDensity) {
   // By the same law the sum of D^3 over the clods between two sizes is twice c times the difference of the sizes, per
   // m^2. Overlaps and the cut at kMaxDensity take a tenth of it, some tenths of a millimetre.
-  if (law.cover > 0) mean_m_per_m_ = 2 * frequency_of(law).laws[0].per_m2 * mean_shape().volume;
+  if (law.cover > 0) mean_m_per_m_ = 2 * frequency_of(law).laws[0].per_m2 * mean_clod().volume;
 }
 
 double ClodField::mean_m(int octave) const {
@@ -131,7 +105,6 @@ double ClodField::patchiness(const Vec3& direction) const {
 void ClodField::add(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                     std::span<float> on_clod, const StopToken& stop) const {
   const BoundingBall ball = ball_around(grid);
-  const std::size_t columns = grid.columns();
   const double radius_m = ball.radius_m + cells_.largest_m(octave) / 2;
   std::vector<float> clod_heights_m(heights_m.size(), 0.F);
   const auto add_clod = [&](Draws& draws, const Vec3& centre, double size_m) {
@@ -141,20 +114,9 @@ void ClodField::add(const DirectionGrid& grid, int octave, std::span<const doubl
         rank * kMaxDensity > patchiness(centre))
       return;
     const ClodShape shape(shape_seed);
-    const double reach = size_m / 2 / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
-    const std::array<Vec3, 2> axes = shape.axes(local_axes(centre), reach);
-    const auto height_m = static_cast<float>(shape.height_over_size() * size_m);
-    const auto [first_column, past_column] = columns_within(grid, centre, reach);
-    const auto [first_row, past_row] = rows_within(grid, centre, reach);
-    for (std::size_t r = first_row; r < past_row; ++r) {
-      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
-      for (std::size_t c = past_pole ? 0 : first_column; c < (past_pole ? columns : past_column); ++c) {
-        const Vec3 from_centre = grid.direction(r, c) - centre;
-        float& highest = clod_heights_m[r * columns + c];
-        highest = std::max(highest, height_m * shape.height(static_cast<float>(axes[0].dot(from_centre)),
-                                                            static_cast<float>(axes[1].dot(from_centre))));
-      }
-    }
+    visit_posts_within(grid, centre, size_m, [&](std::size_t post, float east, float north) {
+      clod_heights_m[post] = std::max(clod_heights_m[post], static_cast<float>(size_m) * shape.height(east, north));
+    });
   };
   cells_.cells_near(octave, ball.direction, radius_m / kMoonRadius_m, stop,
                     [&](const SizeCells::Cell& cell) { cells_.draw_cell(cell, add_clod); });

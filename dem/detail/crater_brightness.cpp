@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <numbers>
-#include <optional>
+#include <utility>
 
 #include "dem/base/parallel.h"
 #include "dem/detail/detail_kernels.h"
@@ -96,17 +97,10 @@ class Profile {
   }
 };
 
-constexpr std::size_t kReaches = 3;
+constexpr double kWidestReach = 9;
 const Profile& profile_of(int reach) {
-  static const std::array<Profile, kReaches> profiles{Profile(3), Profile(5), Profile(9)};
+  static const std::array<Profile, 3> profiles{Profile(3), Profile(5), Profile(kWidestReach)};
   return profiles[static_cast<std::size_t>(reach)];
-}
-
-// Returns a number that grows with the azimuth of (x, y) from 0 to 4, without trigonometry: the position on the square
-// |x| + |y| = 1.
-float around_square(float x, float y) {
-  const float p = y / std::max(std::abs(x) + std::abs(y), 1e-30F);
-  return x < 0 ? 2 - p : y < 0 ? 4 + p : p;
 }
 
 // Waves of brightness around a crater: noise on circles, with so many wavelengths per radius.
@@ -115,9 +109,9 @@ struct Waves {
 };
 constexpr std::array<Waves, 3> kWaves{{{2.3, 3.2}, {6.1, 2.6}, {15, 1}}};
 
-// The azimuths of the tables of rays, equally spaced along the square of around_square().
+// The azimuths of the tables of rays (CraterGlow).
 struct Azimuths {
-  static constexpr std::size_t kCount = 256;
+  static constexpr std::size_t kCount = CraterGlow::kAzimuths;
   std::array<double, kCount> cosine, sine;
   std::array<double, kCount> weight;                           // share of the circle: the trapezoidal rule
   std::array<std::array<double, kCount>, kWaves.size()> x, y;  // on the circles of kWaves
@@ -171,15 +165,22 @@ class Rays {
     }
   }
 
-  // Returns the brightness at (east, north) from the centre, at r crater radii.
-  float at(float east, float north, float r) const {
-    const float position = around_square(east, north) * (Azimuths::kCount / 4);
-    const auto i = std::min(static_cast<std::size_t>(position), Azimuths::kCount - 1);
-    const float f = position - static_cast<float>(i);
-    const auto along = [&](const auto& v) { return v[i] + f * (v[i + 1] - v[i]); };
-    constexpr float kFar = 5;  // crater radii
-    const float t = std::min((r - 1) / (kFar - 1), 1.F);
-    return (1 - t) * along(value_[0]) + t * along(value_[1]);
+  const float* near() const { return value_[0].data(); }
+  const float* far() const { return value_[1].data(); }
+  static constexpr double kFar = 5;  // crater radii from the centre to `far`
+
+  // Returns the rays of a crater. Each thread caches the latest ones, because adjacent blocks share the rays of large
+  // craters. The reference is valid until the thread's next call.
+  static const Rays& of(std::uint64_t crater_id) {
+    struct CachedRays {
+      std::uint64_t crater_id;
+      Rays rays;
+    };
+    constexpr std::size_t kEntries = 128;  // some 260 KB
+    static thread_local std::array<std::unique_ptr<CachedRays>, kEntries> cache;
+    std::unique_ptr<CachedRays>& entry = cache[crater_id % kEntries];
+    if (!entry || entry->crater_id != crater_id) entry.reset(new CachedRays{crater_id, Rays(crater_id)});
+    return entry->rays;
   }
 
  private:
@@ -280,6 +281,12 @@ CraterBrightness::Zones CraterBrightness::zones_of(const Crater& crater) const {
   return zones;
 }
 
+double CraterBrightness::Zones::reach_radii() const {
+  // Walls alone end at the rim, which is farther out in some directions.
+  constexpr double kWallRadii = 1.06 / (1 - CraterOutline::kMaxWave);
+  return bright == 0 ? kWallRadii : profile_of(reach).reach;
+}
+
 double CraterBrightness::at_rim(const Crater& crater) const {
   const Zones zones = zones_of(crater);
   if (zones.none()) return 0;
@@ -292,54 +299,50 @@ double CraterBrightness::at_rim(const Crater& crater) const {
 void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid,
                                   std::span<float> added) {
   const Profile& profile = profile_of(zones.reach);
-  const double radius = crater.diameter_m / 2 / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
-  const double reach = profile.reach * radius, crater_reach = CraterShape::reach(crater.age);
-  const EastNorthUp local = local_axes(crater.centre);
-  const Vec3 east = local.east / radius, north = local.north / radius;
+  const double reach = zones.reach_radii();
   const auto bright = static_cast<float>(zones.bright), dim = static_cast<float>(zones.dim),
              wall = static_cast<float>(zones.wall);
-  const std::optional<Rays> rays = zones.reach > 0 ? std::optional<Rays>(crater.id) : std::nullopt;
-  const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
-  const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
-  for (std::size_t r = first_row; r < past_row; ++r) {
-    const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
-    for (std::size_t c = past_pole ? 0 : first_column; c < (past_pole ? grid.columns() : past_column); ++c) {
-      const Vec3 from_centre = grid.direction(r, c) - crater.centre;
-      const double distance = from_centre.norm() / radius;
-      if (distance >= profile.reach) continue;
-      const auto along_east = static_cast<float>(east.dot(from_centre));
-      const auto along_north = static_cast<float>(north.dot(from_centre));
-      // Follow the crater's outline, as heights do.
-      const double to_unit = 1 / std::max(distance, 1e-6);
-      const auto radii =
-          static_cast<float>(std::min(crater.outline.round(distance, to_unit * static_cast<double>(along_east),
-                                                           to_unit * static_cast<double>(along_north), crater_reach),
-                                      profile.reach));
-      const float step = radii * static_cast<float>(Profile::kSteps);
-      const auto i = static_cast<std::size_t>(step);
-      const float f = step - static_cast<float>(i);
-      const auto along = [&](const std::vector<float>& table) { return table[i] + f * (table[i + 1] - table[i]); };
-      float share = along(profile.bright);
-      if (rays && radii > 1) share *= 1 + along(profile.in_rays) * (rays->at(along_east, along_north, radii) - 1);
-      added[r * grid.columns() + c] += bright * share - dim * along(profile.dim) + wall * along(profile.wall);
-    }
+  // Tables in the steps of the profile, which ends in zeros.
+  std::array<float, static_cast<std::size_t>(kWidestReach * Profile::kSteps) + 3> even{}, in_rays{};
+  const auto steps = static_cast<std::size_t>(reach * Profile::kSteps) + 2;
+  for (std::size_t i = 0; i < steps; ++i) {
+    even[i] = bright * profile.bright[i] - dim * profile.dim[i] + wall * profile.wall[i];
+    in_rays[i] = bright * profile.bright[i] * profile.in_rays[i];
   }
+  CraterGlow glow{even.data(), nullptr, nullptr, nullptr, Profile::kSteps, 0};
+  if (zones.reach > 0) {
+    const Rays& rays = Rays::of(crater.id);
+    glow.in_rays = in_rays.data();
+    glow.near_rays = rays.near();
+    glow.far_rays = rays.far();
+    glow.far_per_step = static_cast<float>(1 / ((Rays::kFar - 1) * Profile::kSteps));
+  }
+  visit_rows_under(crater, reach, Profile::kSteps, grid,
+                   [&](const CraterOverRow& over_row, const RowUnderCrater& row, std::size_t first_post) {
+                     brighten_around_crater(over_row, row, glow, added.data() + first_post);
+                   });
 }
 
 void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid, int octave,
                            std::span<const double> shares, std::span<double> factor, const StopToken& stop,
                            double weight) const {
   const BoundingBall ball = ball_around(grid);
-  const double widest_m = profile_of(kReaches - 1).reach * craters.largest_m(octave) / 2;
   std::vector<Crater> near;
-  craters.within(octave, ball.direction, ball.radius_m + widest_m, near, stop);
-  std::sort(near.begin(), near.end(), formed_before);  // sums are rounded: one order for all grids
-  std::vector<float> added(factor.size(), 0.F);
+  craters.within(octave, ball.direction, ball.radius_m + kWidestReach * craters.largest_m(octave) / 2, near, stop);
+  const auto misses = [&](const Crater& crater, double reach_radii) {
+    return (crater.centre - ball.direction).norm() * kMoonRadius_m >
+           ball.radius_m + reach_radii * crater.diameter_m / 2;
+  };
+  std::vector<std::pair<Crater, Zones>> bright;
   for (const Crater& crater : near) {
+    if (misses(crater, kWidestReach)) continue;
     const Zones zones = zones_of(crater);
-    if (zones.none()) continue;
-    const double reach_m = profile_of(zones.reach).reach * crater.diameter_m / 2;
-    if ((crater.centre - ball.direction).norm() * kMoonRadius_m > ball.radius_m + reach_m) continue;
+    if (!zones.none() && !misses(crater, zones.reach_radii())) bright.emplace_back(crater, zones);
+  }
+  // Sums are rounded: one order for all grids.
+  std::sort(bright.begin(), bright.end(), [](const auto& a, const auto& b) { return formed_before(a.first, b.first); });
+  std::vector<float> added(factor.size(), 0.F);
+  for (const auto& [crater, zones] : bright) {
     stop.check();
     add_crater(crater, zones, grid, added);
   }

@@ -13,11 +13,9 @@
 // - Rays of 1 km craters last 750 Ma, those of small ones fade faster (Werner & Medvedev 2010). With 6 Ma at 10 m,
 //   craters of all sizes are bright for 3 to 6 % of their lives.
 // - Steep walls are brighter, as soil creeps off them and bares fresh soil: by up to 0.3 where a crater's steepest
-// slope
-//   is 30 degrees, by nothing below 18. They stay so for as long as they are steep.
+//   slope is 30 degrees, by nothing below 18. They stay so for as long as they are steep.
 // - The factor at the rim, its scatter, the exponent, the rays and the walls' factor are chosen to look like images
-// from
-//   orbit.
+//   from orbit.
 //
 // The mean of the factor over ground is 1, so that an albedo map stays true: what all craters of an octave add on
 // average is subtracted. It is exact, as craters are strewn independently and what they add is summed.
@@ -57,6 +55,7 @@ class CraterBrightness {
     double bright = 0, dim = 0, wall = 0;
     int reach = 0;  // index of a Profile; valid unless none()
     bool none() const { return bright == 0 && wall == 0; }
+    double reach_radii() const;
   };
   Zones zones_of(double diameter_m, double age_Ma, double local_factor) const;
   // Returns what a wall adds. `scale_over_diameter`, `age`: as of a Crater.

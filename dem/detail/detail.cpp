@@ -188,51 +188,28 @@ double Detail::max_detail_m(int posts_level) const {
 // The octave's mean is subtracted in the end, weighted by `shares` (empty: 1 everywhere).
 void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares,
                          std::span<double> heights_m, std::span<float> in_crater, const StopToken& stop) const {
-  const std::size_t rows = grid.rows(), columns = grid.columns();
   const BoundingBall ball = ball_around(grid);
   std::vector<Crater> craters;
   craters_.near(octave, ball.direction, ball.radius_m, craters, stop);
   std::sort(craters.begin(), craters.end(), formed_before);
-  std::vector<float> heights(rows * columns, 0.F);
+  constexpr double kSteps = CraterShape::kStepsPerRadius;
+  std::vector<float> heights(grid.rows() * grid.columns(), 0.F), profile_m;
   for (const Crater& crater : craters) {
     stop.check();
-    const double reach = crater.reach_m() / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
-    const CraterShape::Profile profile = craters_.shape().profile(crater.age);
-    const EastNorthUp local = local_axes(crater.centre);
-    CraterOverRow crater_over_row{
-        crater.centre.x(),
-        crater.centre.y(),
-        0,  // set for each row below
-        reach * reach,
-        kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
-        CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
-        1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
-        1 / ((CraterShape::reach(crater.age) - 1) * CraterShape::kStepsPerRadius),
-        local.east.x(),
-        local.east.y(),
-        local.north.x(),
-        local.north.y(),
-        0,  // set for each row below
-        &crater.outline,
-        profile.younger,
-        profile.older,
-        static_cast<float>(profile.share),
-        static_cast<float>(crater.scale)};
+    const double reach = CraterShape::reach(crater.age);
+    const CraterShape::Profile shape = craters_.shape().profile(crater.age);
+    profile_m.resize(static_cast<std::size_t>(reach * kSteps) + 3);
+    const auto older = static_cast<float>(shape.share * crater.scale),
+               younger = static_cast<float>((1 - shape.share) * crater.scale);
+    for (std::size_t i = 0; i < profile_m.size(); ++i)
+      profile_m[i] = younger * shape.younger[i] + older * shape.older[i];
+    const CraterProfile profile{profile_m.data(), 1 / ((reach - CraterShape::kReplaces) * kSteps), kSteps};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
-    const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
-    const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
-    for (std::size_t r = first_row; r < past_row; ++r) {
-      const double dz = grid.sin_lat[r] - crater.centre.z();
-      // Skip the row if its distance along the axis alone exceeds the reach.
-      if (dz * dz > crater_over_row.reach2) continue;
-      crater_over_row.along_axis2 = dz * dz;
-      crater_over_row.north_along_axis = dz * local.north.z();
-      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
-      const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first_column,
-                               past_pole ? columns : past_column};
-      cast_crater(crater_over_row, row, heights.data() + r * columns);
-      if (marked) mark_crater(crater_over_row, row, in_crater.data() + r * columns);
-    }
+    visit_rows_under(crater, reach, kSteps, grid,
+                     [&](const CraterOverRow& over_row, const RowUnderCrater& row, std::size_t first_post) {
+                       cast_crater(over_row, row, profile, heights.data() + first_post,
+                                   marked ? in_crater.data() + first_post : nullptr);
+                     });
   }
   const double mean = mean_m(octave);
   for (std::size_t i = 0; i < heights_m.size(); ++i)
@@ -248,7 +225,7 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
                  const StopToken& stop) const {
   std::fill(marks.in_crater.begin(), marks.in_crater.end(), 0.F);
   std::fill(marks.on_clod.begin(), marks.on_clod.end(), 0.F);
-  std::fill(marks.on_fragment.begin(), marks.on_fragment.end(), 0.F);
+  std::fill(marks.fragments.on_fragment.begin(), marks.fragments.on_fragment.end(), 0.F);
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
@@ -258,20 +235,17 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
   for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
     clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
   for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
-    fragments_.add(grid, k, shares, heights_m, marks.on_fragment, stop);
+    fragments_.add(grid, k, shares, heights_m, marks.fragments, stop);
 }
 
-void Detail::add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
-                            const StopToken& stop) const {
+void Detail::add_crater_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
+                                   const StopToken& stop) const {
   if (brightness_.none()) return;
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   constexpr double kUnshownWeight = 0.5;
   for (int k = std::max(shown - 1, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
     brightness_.add(craters_, grid, k, shares, factor, stop, k < shown ? kUnshownWeight : 1);
-  // A fragment is no wider than its brightness: it begins with its heights.
-  for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
-    fragments_.add_brightness(grid, k, shares, factor, stop, 1);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,

@@ -72,11 +72,11 @@ class Detail {
   // Smallest octave of craters, and of relief, that a level shows: octave k has sizes from 2^k to 2^(k+1) m.
   static int smallest_octave(int level);
 
-  // Flags per position of a grid, 1 or 0. A span may be empty.
+  // Marks the features at the positions of a grid. A span may be empty.
   struct Marks {
-    std::span<float> in_crater;  // inside the rim of a crater at least kWorn deep
-    std::span<float> on_clod;
-    std::span<float> on_fragment;
+    std::span<float> in_crater;  // 1 inside the rim of a crater at least kWorn deep, else 0
+    std::span<float> on_clod;    // 1 or 0
+    FragmentField::Marks fragments;
   };
   // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
   // posts there, does not. The result at a position does not depend on the grid, to the bit.
@@ -86,10 +86,10 @@ class Detail {
   static constexpr double kWorn = 0.02;
   // Adds one octave; it must not be among those that the posts' level shows.
   void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
-  // Adds to factors of the albedo, row by row, what the octaves that add() adds to the heights change, and the octave
-  // below them by half, as bright ground around a crater is wider than the crater.
-  void add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
-                      const StopToken& stop = {}) const;
+  // Adds to factors of the albedo, row by row, what craters of the octaves that add() adds to the heights change, and
+  // the octave below them by half, as bright ground around a crater is wider than the crater.
+  void add_crater_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
+                             const StopToken& stop = {}) const;
   // Returns whether a level shows relief that the posts' level does not.
   bool has_relief(int level, int posts_level) const;
 

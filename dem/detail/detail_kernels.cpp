@@ -193,112 +193,177 @@ void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double*
 
 #endif
 
-// Returns the squared chord from the crater's centre to a position of the row, (x, y) in the equatorial plane.
-HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
-  const double dx = x - crater.x, dy = y - crater.y;
-  return dx * dx + dy * dy + crater.along_axis2;
-}
+// One vector of a row's positions relative to a crater.
+class AroundCrater {
+  using F64 = hn::ScalableTag<double>;
+  using F32 = hn::Rebind<float, F64>;
+  using I32 = hn::Rebind<std::int32_t, F64>;
+  using Floats = hn::Vec<F32>;
 
-// Shortest distance in profile steps by which an offset is divided: the middle of a crater has no direction.
-constexpr float kMinSteps = 1e-6F;
+ public:
+  AroundCrater(const CraterOverRow& crater, double cos_lat) : crater_(crater), cos_lat_(cos_lat) {}
 
-// Returns the profile step of a position (x, y) of the row at `step` from the centre, as the outline has it
-// (CraterOutline::round).
-HWY_INLINE double round_step(const CraterOverRow& crater, double x, double y, double step) {
-  const double dx = x - crater.x, dy = y - crater.y;
-  const float distance = std::max(static_cast<float>(step), kMinSteps);
-  const float east = static_cast<float>((dx * crater.east_x + dy * crater.east_y) * crater.steps) / distance;
-  const float north =
-      static_cast<float>((dx * crater.north_x + dy * crater.north_y + crater.north_along_axis) * crater.steps) /
-      distance;
-  const float fade = std::min(static_cast<float>((crater.reach_steps - step) * crater.per_faded), 1.F);
-  return step * static_cast<double>(1 - fade * crater.outline->wave(east, north));
-}
-
-// Implements cast_crater(). Vectorised by hand, because compilers do not vectorise the lookups in the profiles. For
-// each position: squared chord to the crater's centre, step of the profile by the outline, with its fraction, height
-// between the younger and the older profile, and the share of older ground that it replaces. A scalar loop finishes the
-// positions that do not fill a vector; it rounds like the vectors.
-void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT heights_m) {
-  const CraterOverRow k = crater;
-  const hn::ScalableTag<double> f64;
-  const hn::Rebind<float, decltype(f64)> f32;
-  const hn::Rebind<std::int32_t, decltype(f64)> i32;
-  const std::size_t lanes = hn::Lanes(f64);
-  const auto f32_one = hn::Set(f32, 1);
-  std::size_t c = row.first;
-  for (; c + lanes <= row.past_last; c += lanes) {
-    const auto cos_lat = hn::Set(f64, row.cos_lat);
-    const auto dx = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.cos_lon + c)), hn::Set(f64, k.x)),
-               dy = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.sin_lon + c)), hn::Set(f64, k.y));
-    const auto chord2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis2));
+  // Moves to the positions at these longitudes; returns false if the crater reaches none of them.
+  HWY_INLINE bool move_to(const double* HWY_RESTRICT cos_lon, const double* HWY_RESTRICT sin_lon) {
+    const F64 f64;
+    const F32 f32;
+    const CraterOverRow& k = crater_;
+    const auto cos_lat = hn::Set(f64, cos_lat_);
+    const auto dx = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, cos_lon)), hn::Set(f64, k.x)),
+               dy = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, sin_lon)), hn::Set(f64, k.y));
+    const auto chord2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis * k.along_axis));
     const auto reach2 = hn::Set(f64, k.reach2);
-    if (hn::AllFalse(f64, hn::Lt(chord2, reach2))) continue;
+    const auto is_near = hn::Lt(chord2, reach2);
+    if (hn::AllFalse(f64, is_near)) return false;
+    // Clamp lanes beyond the reach, whose values are not used, to the table.
     const auto steps = hn::Set(f64, k.steps);
     const auto distance = hn::Mul(hn::Sqrt(hn::Min(chord2, reach2)), steps);
-    // Returns the wave of the outline, as CraterOutline::wave does.
-    const auto wave = [&]() HWY_ATTR {
-      const auto along = [&](auto offset) HWY_ATTR {
-        return hn::Div(hn::DemoteTo(f32, hn::Mul(offset, steps)),
-                       hn::Max(hn::DemoteTo(f32, distance), hn::Set(f32, kMinSteps)));
-      };
-      const auto east = along(hn::Add(hn::Mul(dx, hn::Set(f64, k.east_x)), hn::Mul(dy, hn::Set(f64, k.east_y))));
-      const auto north =
-          along(hn::Add(hn::Add(hn::Mul(dx, hn::Set(f64, k.north_x)), hn::Mul(dy, hn::Set(f64, k.north_y))),
-                        hn::Set(f64, k.north_along_axis)));
-      auto re = hn::Zero(f32), im = hn::Zero(f32);
-      for (std::size_t n = CraterOutline::kWaves; n-- > 0;) {
-        re = hn::Add(re, hn::Set(f32, k.outline->cosines()[n]));
-        im = hn::Add(im, hn::Set(f32, k.outline->sines()[n]));
-        const auto turned = hn::Sub(hn::Mul(re, east), hn::Mul(im, north));
-        im = hn::Add(hn::Mul(re, north), hn::Mul(im, east));
-        re = turned;
-      }
-      return hn::Sub(hn::Mul(re, east), hn::Mul(im, north));
-    };
-    const auto to_reach = hn::Sub(hn::Set(f64, k.reach_steps), distance);
-    const auto fade = hn::Min(hn::DemoteTo(f32, hn::Mul(to_reach, hn::Set(f64, k.per_faded))), f32_one);
-    const auto step = hn::Mul(distance, hn::PromoteTo(f64, hn::Sub(f32_one, hn::Mul(fade, wave()))));
-    const auto i = hn::DemoteTo(i32, step);  // profile step at or before the position
-    const auto f = hn::DemoteTo(f32, hn::Sub(step, hn::PromoteTo(f64, i)));
-    const auto along = [&](const float* profile) HWY_ATTR {
-      const auto low = hn::GatherIndex(f32, profile, i), high = hn::GatherIndex(f32, profile + 1, i);
-      return hn::Add(low, hn::Mul(f, hn::Sub(high, low)));
-    };
-    const auto h = hn::Mul(hn::Set(f32, k.scale_m), hn::Add(hn::Mul(hn::Set(f32, 1 - k.share), along(k.younger)),
-                                                            hn::Mul(hn::Set(f32, k.share), along(k.older))));
-    const auto inside =
-        hn::DemoteTo(f32, hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), step), hn::Set(f64, k.per_replaced)));
-    const auto t = hn::Min(hn::Max(inside, hn::Zero(f32)), f32_one);
-    const auto replaced = hn::Mul(hn::Mul(t, t), hn::Sub(hn::Set(f32, 3), hn::Mul(hn::Set(f32, 2), t)));
-    const auto before = hn::LoadU(f32, heights_m + c);
-    const auto after = hn::Add(hn::Mul(before, hn::Sub(f32_one, replaced)), h);
-    // Keep the old height in lanes beyond the reach, whose lookup was clamped to the profile's end.
-    const auto reached = hn::IfThenElseZero(hn::Lt(chord2, reach2), hn::Set(f64, 1));
-    const auto is_reached = hn::Gt(hn::DemoteTo(f32, reached), hn::Zero(f32));
-    hn::StoreU(hn::IfThenElse(is_reached, after, before), f32, heights_m + c);
+    reached_ = hn::DemoteTo(f32, hn::IfThenElseZero(is_near, hn::Set(f64, 1)));
+    const auto to_east = hn::Add(hn::Mul(dx, hn::Set(f64, k.east_x)), hn::Mul(dy, hn::Set(f64, k.east_y)));
+    const auto to_north = hn::Add(hn::Add(hn::Mul(dx, hn::Set(f64, k.north_x)), hn::Mul(dy, hn::Set(f64, k.north_y))),
+                                  hn::Set(f64, k.north_z * k.along_axis));
+    // Shortest distance in steps by which an offset is divided: the middle of a crater has no direction.
+    constexpr float kMinSteps = 1e-6F;
+    const auto per_step = hn::Div(hn::Set(f32, 1), hn::Max(hn::DemoteTo(f32, distance), hn::Set(f32, kMinSteps)));
+    east_ = hn::Mul(hn::DemoteTo(f32, hn::Mul(to_east, steps)), per_step);
+    north_ = hn::Mul(hn::DemoteTo(f32, hn::Mul(to_north, steps)), per_step);
+    const auto to_reach = hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), distance), hn::Set(f64, k.per_faded));
+    const auto fade = hn::Max(hn::Min(hn::DemoteTo(f32, to_reach), hn::Set(f32, 1)), hn::Zero(f32));
+    const auto round = hn::Mul(distance, hn::PromoteTo(f64, hn::Sub(hn::Set(f32, 1), hn::Mul(fade, wave()))));
+    step_ = hn::Min(hn::Max(round, hn::Zero(f64)), hn::Set(f64, k.last_step));
+    return true;
   }
-  for (; c < row.past_last; ++c) {
-    const double x = row.cos_lat * row.cos_lon[c], y = row.cos_lat * row.sin_lon[c];
-    const double chord2 = distance2(k, x, y);
-    if (!(chord2 < k.reach2)) continue;
-    const double step = round_step(k, x, y, std::sqrt(chord2) * k.steps);
-    const auto i = static_cast<std::int32_t>(step);
-    const auto f = static_cast<float>(step - i);
-    const auto along = [&](const float* profile) { return profile[i] + f * (profile[i + 1] - profile[i]); };
-    const float h = k.scale_m * ((1 - k.share) * along(k.younger) + k.share * along(k.older));
-    const float replaced = CraterShape::replaced(static_cast<float>((k.reach_steps - step) * k.per_replaced));
-    heights_m[c] = heights_m[c] * (1 - replaced) + h;
+
+  // Returns the step of the table at which a round crater is as high as this one here (CraterOutline::round).
+  HWY_INLINE hn::Vec<F64> step() const { return step_; }
+  // Unit vector from the centre.
+  HWY_INLINE Floats east() const { return east_; }
+  HWY_INLINE Floats north() const { return north_; }
+  // Returns `inside` in lanes within the reach, else `outside`.
+  HWY_INLINE Floats where_reached(Floats inside, Floats outside) const {
+    return hn::IfThenElse(hn::Gt(reached_, hn::Zero(F32())), inside, outside);
   }
+
+  // A position between two entries of a table.
+  struct TablePosition {
+    hn::Vec<I32> entry;
+    Floats fraction;  // share of the next entry
+  };
+  static HWY_INLINE TablePosition position_of(hn::Vec<F64> step) {
+    const auto entry = hn::DemoteTo(I32(), step);
+    return {entry, hn::DemoteTo(F32(), hn::Sub(step, hn::PromoteTo(F64(), entry)))};
+  }
+  static HWY_INLINE Floats look_up(const float* HWY_RESTRICT table, const TablePosition& at) {
+    const auto low = hn::GatherIndex(F32(), table, at.entry), high = hn::GatherIndex(F32(), table + 1, at.entry);
+    return hn::Add(low, hn::Mul(at.fraction, hn::Sub(high, low)));
+  }
+
+ private:
+  // Returns CraterOutline::wave.
+  HWY_INLINE Floats wave() const {
+    const F32 f32;
+    const CraterOutline& outline = *crater_.outline;
+    auto re = hn::Zero(f32), im = hn::Zero(f32);
+    for (std::size_t n = CraterOutline::kWaves; n-- > 0;) {
+      re = hn::Add(re, hn::Set(f32, outline.cosines()[n]));
+      im = hn::Add(im, hn::Set(f32, outline.sines()[n]));
+      const auto turned = hn::Sub(hn::Mul(re, east_), hn::Mul(im, north_));
+      im = hn::Add(hn::Mul(re, north_), hn::Mul(im, east_));
+      re = turned;
+    }
+    return hn::Sub(hn::Mul(re, east_), hn::Mul(im, north_));
+  }
+
+  const CraterOverRow crater_;
+  const double cos_lat_;
+  hn::Vec<F64> step_;
+  Floats east_, north_, reached_;
+};
+
+// Calls at(cos_lon, sin_lon, values, marks) for vectors of columns; the remaining columns are padded to a vector.
+// `marks` may be null.
+template <typename At>
+HWY_INLINE void visit_vectors(const RowUnderCrater& row, float* values, float* marks, const At& at) {
+  const std::size_t lanes = hn::Lanes(hn::ScalableTag<double>());
+  std::size_t c = row.first;
+  for (; c + lanes <= row.past_last; c += lanes)
+    at(row.cos_lon + c, row.sin_lon + c, values + c, marks ? marks + c : nullptr);
+  if (c >= row.past_last) return;
+  constexpr std::size_t kMaxLanes = HWY_MAX_BYTES / sizeof(double);
+  double cos_lon[kMaxLanes], sin_lon[kMaxLanes];
+  float rest[kMaxLanes] = {}, rest_marks[kMaxLanes] = {};
+  std::fill_n(cos_lon, kMaxLanes, row.cos_lon[c]);
+  std::fill_n(sin_lon, kMaxLanes, row.sin_lon[c]);
+  const std::size_t left = row.past_last - c;
+  std::copy_n(row.cos_lon + c, left, cos_lon);
+  std::copy_n(row.sin_lon + c, left, sin_lon);
+  std::copy_n(values + c, left, rest);
+  if (marks) std::copy_n(marks + c, left, rest_marks);
+  at(cos_lon, sin_lon, rest, marks ? rest_marks : nullptr);
+  std::copy_n(rest, left, values + c);
+  if (marks) std::copy_n(rest_marks, left, marks + c);
 }
 
-void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT marks) {
-  constexpr double kRim = CraterShape::kStepsPerRadius;
-  for (std::size_t c = row.first; c < row.past_last; ++c) {
-    const double x = row.cos_lat * row.cos_lon[c], y = row.cos_lat * row.sin_lon[c];
-    const double chord2 = distance2(crater, x, y);
-    if (chord2 < crater.reach2 && round_step(crater, x, y, std::sqrt(chord2) * crater.steps) < kRim) marks[c] = 1;
-  }
+// Implements cast_crater(). Vectorised by hand, because compilers do not vectorise the lookups in the profile.
+void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, const CraterProfile& profile,
+                float* HWY_RESTRICT heights_m, float* HWY_RESTRICT in_rim) {
+  const hn::ScalableTag<double> f64;
+  const hn::Rebind<float, decltype(f64)> f32;
+  AroundCrater around(crater, row.cos_lat);
+  visit_vectors(row, heights_m, in_rim,
+                [&](const double* cos_lon, const double* sin_lon, float* heights, float* marks) HWY_ATTR {
+                  if (!around.move_to(cos_lon, sin_lon)) return;
+                  const auto step = around.step();
+                  const auto h = AroundCrater::look_up(profile.heights_m, AroundCrater::position_of(step));
+                  const auto inside =
+                      hn::Mul(hn::Sub(hn::Set(f64, crater.reach_steps), step), hn::Set(f64, profile.per_replaced));
+                  const auto t = hn::Min(hn::Max(hn::DemoteTo(f32, inside), hn::Zero(f32)), hn::Set(f32, 1));
+                  const auto replaced = hn::Mul(hn::Mul(t, t), hn::Sub(hn::Set(f32, 3), hn::Mul(hn::Set(f32, 2), t)));
+                  const auto before = hn::LoadU(f32, heights);
+                  const auto after = hn::Add(hn::Mul(before, hn::Sub(hn::Set(f32, 1), replaced)), h);
+                  hn::StoreU(around.where_reached(after, before), f32, heights);
+                  const auto is_inside = hn::Lt(step, hn::Set(f64, profile.rim_steps));
+                  if (!marks || hn::AllFalse(f64, is_inside)) return;
+                  const auto ones = hn::DemoteTo(f32, hn::IfThenElseZero(is_inside, hn::Set(f64, 1)));
+                  const auto marked = hn::LoadU(f32, marks);
+                  hn::StoreU(around.where_reached(hn::Max(marked, ones), marked), f32, marks);
+                });
+}
+
+// Implements brighten_around_crater().
+void BrightenAroundCrater(const CraterOverRow& crater, const RowUnderCrater& row, const CraterGlow& glow,
+                          float* HWY_RESTRICT added) {
+  const hn::ScalableTag<double> f64;
+  const hn::Rebind<float, decltype(f64)> f32;
+  AroundCrater around(crater, row.cos_lat);
+  // Returns the brightness of rays less 1 at a step.
+  const auto rays = [&](auto step) HWY_ATTR {
+    // Number azimuths along the square |x| + |y| = 1: p, 2 - p or 4 + p by the quadrant.
+    const auto east = around.east(), north = around.north();
+    const auto p = hn::Div(north, hn::Max(hn::Add(hn::Abs(east), hn::Abs(north)), hn::Set(f32, 1e-30F)));
+    const auto in_east = hn::IfThenElse(hn::Lt(north, hn::Zero(f32)), hn::Add(hn::Set(f32, 4), p), p);
+    const auto side = hn::IfThenElse(hn::Lt(east, hn::Zero(f32)), hn::Sub(hn::Set(f32, 2), p), in_east);
+    constexpr double kPerSide = CraterGlow::kAzimuths / 4.0, kLast = CraterGlow::kAzimuths - 1e-3;
+    const auto azimuth = AroundCrater::position_of(
+        hn::Min(hn::Mul(hn::PromoteTo(f64, side), hn::Set(f64, kPerSide)), hn::Set(f64, kLast)));
+    const auto outward = hn::Mul(hn::Sub(step, hn::Set(f32, glow.rim_steps)), hn::Set(f32, glow.far_per_step));
+    const auto t = hn::Min(outward, hn::Set(f32, 1));
+    const auto near_rays = AroundCrater::look_up(glow.near_rays, azimuth),
+               far_rays = AroundCrater::look_up(glow.far_rays, azimuth);
+    return hn::Sub(hn::Add(near_rays, hn::Mul(t, hn::Sub(far_rays, near_rays))), hn::Set(f32, 1));
+  };
+  visit_vectors(row, added, nullptr, [&](const double* cos_lon, const double* sin_lon, float* sums, float*) HWY_ATTR {
+    if (!around.move_to(cos_lon, sin_lon)) return;
+    const auto step = around.step();
+    const auto at = AroundCrater::position_of(step);
+    auto here = AroundCrater::look_up(glow.even, at);
+    const auto rounded = hn::DemoteTo(f32, step);
+    // Inside the rim nothing is in rays.
+    if (glow.in_rays && !hn::AllFalse(f32, hn::Gt(rounded, hn::Set(f32, glow.rim_steps))))
+      here = hn::Add(here, hn::Mul(AroundCrater::look_up(glow.in_rays, at), rays(rounded)));
+    const auto before = hn::LoadU(f32, sums);
+    hn::StoreU(around.where_reached(hn::Add(before, here), before), f32, sums);
+  });
 }
 
 }  // namespace selenograph::dem::HWY_NAMESPACE
@@ -309,18 +374,39 @@ namespace selenograph::dem {
 
 HWY_EXPORT(AddNoise);
 HWY_EXPORT(CastCrater);
-HWY_EXPORT(MarkCrater);
+HWY_EXPORT(BrightenAroundCrater);
 
 void add_noise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* heights) {
   HWY_DYNAMIC_DISPATCH(AddNoise)(row, seed, amplitude, heights);
 }
 
-void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m) {
-  HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, heights_m);
+void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, const CraterProfile& profile, float* heights_m,
+                 float* in_rim) {
+  HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, profile, heights_m, in_rim);
 }
 
-void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* marks) {
-  HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, marks);
+void brighten_around_crater(const CraterOverRow& crater, const RowUnderCrater& row, const CraterGlow& glow,
+                            float* added) {
+  HWY_DYNAMIC_DISPATCH(BrightenAroundCrater)(crater, row, glow, added);
+}
+
+CraterOverRow crater_over_row(const Crater& crater, double reach_radii, double steps) {
+  const double radius = crater.diameter_m / 2 / kMoonRadius_m, crater_reach = CraterShape::reach(crater.age);
+  const EastNorthUp local = local_axes(crater.centre);
+  return {crater.centre.x(),
+          crater.centre.y(),
+          0,
+          reach_radii * radius * reach_radii * radius,
+          steps / radius,
+          reach_radii * steps,
+          crater_reach * steps,
+          1 / ((crater_reach - 1) * steps),
+          local.east.x(),
+          local.east.y(),
+          local.north.x(),
+          local.north.y(),
+          local.north.z(),
+          &crater.outline};
 }
 
 }  // namespace selenograph::dem

@@ -39,6 +39,33 @@ BoundingBall ball_around(const DirectionGrid& grid);
 std::pair<std::size_t, std::size_t> rows_within(const DirectionGrid& grid, const Vec3& centre, double reach);
 std::pair<std::size_t, std::size_t> columns_within(const DirectionGrid& grid, const Vec3& centre, double reach);
 
+// Calls visit(row, first column, past the last column) for the rows that such a circle may reach.
+template <typename Visit>
+void visit_rows_within(const DirectionGrid& grid, const Vec3& centre, double reach, const Visit& visit) {
+  const auto [first_column, past_column] = columns_within(grid, centre, reach);
+  const auto [first_row, past_row] = rows_within(grid, centre, reach);
+  for (std::size_t r = first_row; r < past_row; ++r) {
+    const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
+    visit(r, past_pole ? 0 : first_column, past_pole ? grid.columns() : past_column);
+  }
+}
+
+// Calls visit(post, east, north) for the positions that a circle of diameter `size_m` may reach, with their offsets
+// from its centre in diameters. Positions are numbered row by row.
+template <typename Visit>
+void visit_posts_within(const DirectionGrid& grid, const Vec3& centre, double size_m, const Visit& visit) {
+  const double size = size_m / kMoonRadius_m;  // a chord of the unit sphere
+  const EastNorthUp local = local_axes(centre);
+  const Vec3 to_east = local.east / size, to_north = local.north / size;
+  visit_rows_within(grid, centre, size / 2, [&](std::size_t r, std::size_t first_column, std::size_t past_column) {
+    for (std::size_t c = first_column; c < past_column; ++c) {
+      const Vec3 from_centre = grid.direction(r, c) - centre;
+      visit(r * grid.columns() + c, static_cast<float>(to_east.dot(from_centre)),
+            static_cast<float>(to_north.dot(from_centre)));
+    }
+  });
+}
+
 // Returns a rectangle of a grid, without copying its tables.
 inline DirectionGrid sub_grid(const DirectionGrid& grid, std::size_t first_row, std::size_t rows,
                               std::size_t first_column, std::size_t columns) {

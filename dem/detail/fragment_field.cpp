@@ -57,28 +57,8 @@ class FragmentShape {
   double brightness_deviate_ = 0;
 };
 
-// Mean area of fragments over size^2, and mean volume over size^3.
-struct MeanShape {
-  double area = 0, volume = 0;
-};
-MeanShape measure_shapes() {
-  constexpr int kShapes = 512, kSteps = 24;
-  MeanShape mean;
-  for (int n = 0; n < kShapes; ++n) {
-    const FragmentShape shape(static_cast<std::uint64_t>(n) * kSplitMixStep);
-    for (int i = 0; i < kSteps; ++i)
-      for (int j = 0; j < kSteps; ++j) {
-        const auto along = [](int step) { return static_cast<float>((step + 0.5) / kSteps - 0.5); };
-        const float height = shape.height(along(i), along(j));
-        mean.area += height > 0;
-        mean.volume += static_cast<double>(height);
-      }
-  }
-  constexpr double kSamples = double{kShapes} * kSteps * kSteps;
-  return {mean.area / kSamples, mean.volume / kSamples};
-}
-const MeanShape& mean_shape() {
-  static const MeanShape mean = measure_shapes();
+const MeanLump& mean_fragment() {
+  static const MeanLump mean = measure_lumps<FragmentShape>();
   return mean;
 }
 
@@ -109,63 +89,43 @@ FragmentField::Means FragmentField::measure(int octave) const {
     const double low_m = smallest_m * std::pow(ratio, static_cast<double>(i) / kSizes);
     const double high_m = smallest_m * std::pow(ratio, (i + 1.0) / kSizes);
     const double area = law_.frequency.between(low_m, high_m) * low_m * high_m;
-    means.height_m += area * std::sqrt(low_m * high_m) * mean_shape().volume;
-    means.brighter += area * mean_shape().area * law_.albedo_variation * kBrighter;
+    means.height_m += area * std::sqrt(low_m * high_m) * mean_fragment().volume;
+    means.brighter += area * mean_fragment().area * law_.albedo_variation * kBrighter;
   }
   return means;
 }
 
 double FragmentField::max_height_m(int octave) const { return kMaxHeightOverSize * cells_.largest_m(octave); }
 
-std::vector<FragmentField::Top> FragmentField::tops(const DirectionGrid& grid, int octave,
-                                                    const StopToken& stop) const {
+void FragmentField::add(const DirectionGrid& grid, int octave, std::span<const double> shares,
+                        std::span<double> heights_m, const Marks& marks, const StopToken& stop) const {
   const BoundingBall ball = ball_around(grid);
-  const std::size_t columns = grid.columns();
   const double radius_m = ball.radius_m + cells_.largest_m(octave) / 2;
-  std::vector<Top> tops(grid.rows() * columns);
+  // Surface of the fragments at the positions; height 0: none.
+  struct Top {
+    float height_m = 0, brighter = 0;
+  };
+  std::vector<Top> tops(heights_m.size());
   const auto add_fragment = [&](Draws& draws, const Vec3& centre, double size_m) {
     const std::uint64_t shape_seed = draws.bits();
     if ((centre - ball.direction).norm() * kMoonRadius_m > radius_m || !region_.holds(centre)) return;
     const FragmentShape shape(shape_seed);
     const auto brighter =
         static_cast<float>(law_.albedo_variation * (kBrighter + kBrighterScatter * shape.brightness_deviate()));
-    const double size = size_m / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
-    const EastNorthUp local = local_axes(centre);
-    const Vec3 east = local.east / size, north = local.north / size;
-    const auto [first_column, past_column] = columns_within(grid, centre, size / 2);
-    const auto [first_row, past_row] = rows_within(grid, centre, size / 2);
-    for (std::size_t r = first_row; r < past_row; ++r) {
-      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
-      for (std::size_t c = past_pole ? 0 : first_column; c < (past_pole ? columns : past_column); ++c) {
-        const Vec3 from_centre = grid.direction(r, c) - centre;
-        const float height_m = static_cast<float>(size_m) * shape.height(static_cast<float>(east.dot(from_centre)),
-                                                                         static_cast<float>(north.dot(from_centre)));
-        Top& top = tops[r * columns + c];
-        if (height_m > top.height_m) top = {height_m, brighter};
-      }
-    }
+    visit_posts_within(grid, centre, size_m, [&](std::size_t post, float east, float north) {
+      const float height_m = static_cast<float>(size_m) * shape.height(east, north);
+      if (height_m > tops[post].height_m) tops[post] = {height_m, brighter};
+    });
   };
   cells_.cells_near(octave, ball.direction, radius_m / kMoonRadius_m, stop,
                     [&](const SizeCells::Cell& cell) { cells_.draw_cell(cell, add_fragment); });
-  return tops;
-}
-
-void FragmentField::add(const DirectionGrid& grid, int octave, std::span<const double> shares,
-                        std::span<double> heights_m, std::span<float> on_fragment, const StopToken& stop) const {
-  const std::vector<Top> tops = this->tops(grid, octave, stop);
-  const double mean = mean_m(octave);
-  for (std::size_t i = 0; i < heights_m.size(); ++i) {
-    heights_m[i] += static_cast<double>(tops[i].height_m) - (shares.empty() ? mean : shares[i] * mean);
-    if (!on_fragment.empty() && tops[i].height_m > 0) on_fragment[i] = 1;
+  const Means& means = means_[index(octave)];
+  for (std::size_t i = 0; i < tops.size(); ++i) {
+    const double share = shares.empty() ? 1 : shares[i];
+    heights_m[i] += static_cast<double>(tops[i].height_m) - share * means.height_m;
+    if (!marks.on_fragment.empty() && tops[i].height_m > 0) marks.on_fragment[i] = 1;
+    if (!marks.factor.empty()) marks.factor[i] += static_cast<double>(tops[i].brighter) - share * means.brighter;
   }
-}
-
-void FragmentField::add_brightness(const DirectionGrid& grid, int octave, std::span<const double> shares,
-                                   std::span<double> factor, const StopToken& stop, double weight) const {
-  const std::vector<Top> tops = this->tops(grid, octave, stop);
-  const double mean = means_[index(octave)].brighter;
-  for (std::size_t i = 0; i < factor.size(); ++i)
-    factor[i] += weight * (static_cast<double>(tops[i].brighter) - (shares.empty() ? mean : shares[i] * mean));
 }
 
 double FragmentField::area_m2(int octave, const Footprint& box, const StopToken& stop) const {

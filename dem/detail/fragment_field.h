@@ -34,27 +34,22 @@ class FragmentField {
   // Mean height of an octave of fragments, and a bound on their height, m.
   double mean_m(int octave) const { return means_[index(octave)].height_m; }
   double max_height_m(int octave) const;
+  // Receives the cover and the brightness of fragments, by position. A span may be empty.
+  struct Marks {
+    std::span<float> on_fragment;  // set to 1 where a fragment shows
+    std::span<double> factor;      // of the albedo: what fragments are brighter than soil is added, less its mean
+  };
   // Adds one octave of fragments to the heights at a grid's positions, row by row, and subtracts `shares` (empty: 1
-  // everywhere) times its mean height. Sets `on_fragment`, unless it is empty, to 1 where a fragment of this octave
-  // shows.
+  // everywhere) times its mean height.
   void add(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
-           std::span<float> on_fragment, const StopToken& stop) const;
-  // Adds to factors of the albedo what the fragments of one octave are brighter than soil, times `weight`, less
-  // `shares` times its mean.
-  void add_brightness(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> factor,
-                      const StopToken& stop, double weight) const;
+           const Marks& marks, const StopToken& stop) const;
   // Returns the area of the circles of an octave's fragments whose centres are in a box, m^2.
   double area_m2(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
  private:
-  // Surface of an octave's fragments at a position; height 0: none.
-  struct Top {
-    float height_m = 0, brighter = 0;
-  };
   struct Means {
     double height_m = 0, brighter = 0;
   };
-  std::vector<Top> tops(const DirectionGrid& grid, int octave, const StopToken& stop) const;
   Means measure(int octave) const;
   std::size_t index(int octave) const { return static_cast<std::size_t>(octave - smallest_octave()); }
 

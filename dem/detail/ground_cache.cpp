@@ -43,7 +43,7 @@ BlockId key_of(int number, GroundCache::Kind kind, const BlockId& id) {
 
 // Version of the heights in the cache folder, which outlive an update of the software. Increment it with every change
 // that alters a stored bit (GroundOnDisk.IsOfThisVersion in unit.block_store).
-constexpr std::uint64_t kGroundVersion = 7;
+constexpr std::uint64_t kGroundVersion = 8;
 
 std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
   const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};

@@ -39,7 +39,7 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   PostReader posts(posts_, finer ? layer.level : id.level,
                    finer ? GroundPosts::Kind::of_layer : GroundPosts::Kind::filtered, stop);
   PostReader correction(posts_, layer.detail_level, GroundPosts::Kind::mean_correction, stop);
-  Surface out{{}, std::vector<double>(n * n), {}, {}, 0};
+  Surface out{{}, std::vector<double>(n * n), std::vector<double>(n * n), {}, {}, 0};
   out.sources.reserve(n * n);
   std::vector<std::int64_t> lons;
   lons.reserve(n);
@@ -62,7 +62,7 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   if (!shows_detail) return out;
   std::vector<float> in_crater(n * n), on_clod(n * n), on_fragment(n * n);
   detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m,
-              {in_crater, on_clod, on_fragment}, stop);
+              {in_crater, on_clod, {on_fragment, out.fragment_factor}}, stop);
   for (std::size_t post = 0; post < n * n; ++post) {
     if (in_crater[post] > 0) out.ground[post] = Ground::crater;
     if (on_clod[post] > 0) out.ground[post] = Ground::clod;
@@ -99,6 +99,7 @@ void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent&
     const double detail_m = mixed(share, height_m - posts_m, above.heights_m[post] - above.posts_m[post]);
     posts_m = mixed(share, posts_m, above.posts_m[post]);
     height_m = share == 1 ? above.heights_m[post] : posts_m + detail_m;
+    below.fragment_factor[post] = mixed(share, below.fragment_factor[post], above.fragment_factor[post]);
     if (share <= 0.5) continue;
     below.sources[post] = above.sources[post];
     below.ground[post] = above.ground[post];
@@ -134,10 +135,11 @@ std::vector<double> GroundMaker::next_octave(const BlockId& id, const BlockExten
   });
 }
 
-std::vector<double> GroundMaker::brightness(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
+std::vector<double> GroundMaker::crater_brightness(const BlockId& id, const BlockExtent& e,
+                                                   const StopToken& stop) const {
   if (detail_.brightness().none()) return {};
   return blended(id, e, 1, [&](const LayeredPosts::Layer& layer, const DirectionGrid& grid, std::span<double> factors) {
-    detail_.add_brightness(grid, id.level, layer.detail_level, factors, stop);
+    detail_.add_crater_brightness(grid, id.level, layer.detail_level, factors, stop);
   });
 }
 
@@ -190,7 +192,13 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
           bend_m = std::max(bend_m, static_cast<double>(std::abs(second)));
     }
   if (low > high) return nullptr;
-  for (const double factor : brightness(id, e, stop)) block->brightness.push_back(encoded_brightness(factor));
+  const std::vector<double> factors = crater_brightness(id, e, stop);
+  const auto side = static_cast<std::size_t>(block->side());
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    const std::size_t row = i / side, column = i % side;
+    const double fragments = surface.fragment_factor[(row + kHalo) * n + column + kHalo];
+    block->brightness.push_back(encoded_brightness(factors[i] + fragments));
+  }
   block->pack();
   // A kink between two posts deviates from their chord by at most half the nearer post's second difference. Along two
   // axes, three quarters exceed every error that unit.detail has measured.

@@ -36,6 +36,7 @@ class GroundMaker {
   // Ground at the posts of an extent, row by row.
   struct Surface {
     std::vector<double> posts_m, heights_m;  // without detail, with it
+    std::vector<double> fragment_factor;     // what fragments add to the factor of the albedo
     std::vector<SourceMark> sources;
     std::vector<Ground> ground;
     double left_out_m;  // bound on the detail that finer levels add
@@ -55,8 +56,8 @@ class GroundMaker {
   // Returns the heights of the next smaller octave, to be added to those of the block before normals are computed. Its
   // features are 2 to 4 posts wide: too narrow for triangles, wide enough to tilt normals. They cast no shadows.
   std::vector<double> next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
-  // Returns factors of the albedo at the posts of an extent; empty: 1 everywhere.
-  std::vector<double> brightness(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Returns factors of the albedo at the posts of an extent, without fragments; empty: 1 everywhere.
+  std::vector<double> crater_brightness(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   // Share of a layer's ground at each post of an extent.
   std::vector<double> shares(const LayeredPosts::Layer& layer, const BlockExtent& e) const;
 

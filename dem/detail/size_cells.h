@@ -19,6 +19,7 @@
 #include <tuple>
 #include <vector>
 
+#include "dem/base/noise.h"
 #include "dem/base/stop_token.h"
 #include "dem/files/raster_info.h"
 #include "dem/grid/geodesy.h"
@@ -72,6 +73,30 @@ class Draws {
   } key_;
   static_assert(sizeof(Key) == 24);  // no padding bytes: the hash covers the object's memory
 };
+
+// Means over lumps on the ground whose shapes are drawn from seeds: their area over size^2 and their volume over
+// size^3. Shape(seed).height(east, north) is the height at an offset from the centre, all in sizes; 0 beyond the lump,
+// which lies within half a size. Takes some milliseconds.
+struct MeanLump {
+  double area = 0, volume = 0;
+};
+template <typename Shape>
+MeanLump measure_lumps() {
+  constexpr int kShapes = 512, kSteps = 24;
+  MeanLump mean;
+  for (int n = 0; n < kShapes; ++n) {
+    const Shape shape(static_cast<std::uint64_t>(n) * kSplitMixStep);
+    for (int i = 0; i < kSteps; ++i)
+      for (int j = 0; j < kSteps; ++j) {
+        const auto offset = [](int step) { return static_cast<float>((step + 0.5) / kSteps - 0.5); };
+        const float height = shape.height(offset(i), offset(j));
+        mean.area += height > 0;
+        mean.volume += static_cast<double>(height);
+      }
+  }
+  constexpr double kSamples = double{kShapes} * kSteps * kSteps;
+  return {mean.area / kSamples, mean.volume / kSamples};
+}
 
 // Thread-safe: const functions may be called concurrently.
 class SizeCells {

@@ -153,13 +153,9 @@ GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scene
     rocks_.emplace(context.terrain);
 }
 
-// All ground within the largest rock's height of a ray is selected, for rocks that stand beside it: blocks finer than
-// kFinestWithRocks, 4 m wide, would be too many.
 int GroundAlongRays::finest_ground(int finest_detail) const {
-  constexpr int kFinestWithRocks = 19;
   if (!context_.terrain.detailed()) return finest_detail;
-  const int finest_with_detail = std::min(finest_detail, context_.terrain.detailed()->detail().finest_level());
-  return rocks_ ? std::min(finest_with_detail, kFinestWithRocks) : finest_with_detail;
+  return std::min(finest_detail, context_.terrain.detailed()->detail().finest_level());
 }
 
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,
@@ -171,11 +167,18 @@ std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const
   // The rays that share a scene share its anchor, which decides how float rounds. A constant limit makes results
   // independent of the service's memory, unless that holds fewer blocks.
   constexpr std::size_t kBlocksOfScene = 900;
-  const double above_m = rocks_ ? rocks_->largest_m() : 0;
-  const auto selected =
-      select_for_rays(context_.terrain, rays, indivisible ? max_blocks : std::min(kBlocksOfScene, max_blocks),
-                      context_.stop, above_m, finest_ground(finest_detail));
-  auto rocks = selected ? rocks_along(rays, *selected, finest_detail) : std::nullopt;
+  const std::size_t limit = indivisible ? max_blocks : std::min(kBlocksOfScene, max_blocks);
+  const auto select = [&](double above_m, int finest_level) {
+    return select_for_rays(context_.terrain, rays, limit, context_.stop, above_m, finest_level);
+  };
+  // Rocks stand on ground within the largest rock's height of a ray. Blocks finer than kFinestWithRocks, 4 m wide,
+  // would be too many there: with finer ground, rocks are found by a selection of their own.
+  constexpr int kFinestWithRocks = 19;
+  const int finest_level = finest_ground(finest_detail);
+  const bool separate = rocks_ && finest_level > kFinestWithRocks;
+  const auto selected = select(rocks_ && !separate ? rocks_->largest_m() : 0, finest_level);
+  const auto with_rocks = separate ? select(rocks_->largest_m(), kFinestWithRocks) : selected;
+  auto rocks = selected && with_rocks ? rocks_along(rays, *with_rocks, finest_detail) : std::nullopt;
   if (!rocks && indivisible)
     throw TooMuchTerrain(fmt::format("{} runs along more terrain than the {} MB for scenes hold", ray_description_,
                                      context_.cache.capacity() >> 20),

@@ -265,8 +265,8 @@ std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places
     in_parallel(static_cast<std::size_t>(places), [&](std::size_t i) {
       const auto [lat, lon] = place_rad(static_cast<int>(i));
       const double step = pixel_m / kMoonRadius_m;
-      detail.add_brightness(dem::SquareGrid(lat, step, lon, step / std::cos(lat), kSide).grid(), level, 0,
-                            std::span(factors).subspan(i * kSide * kSide, kSide * kSide));
+      detail.add_crater_brightness(dem::SquareGrid(lat, step, lon, step / std::cos(lat), kSide).grid(), level, 0,
+                                   std::span(factors).subspan(i * kSide * kSide, kSide * kSide));
     });
     double sum = 0, squares = 0;
     for (const double factor : factors) {

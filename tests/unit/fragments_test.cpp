@@ -31,8 +31,7 @@ Square square_of(const FragmentField& field, int octave, std::size_t side, doubl
   Square square{std::vector<double>(side * side), std::vector<double>(side * side, 1.0),
                 std::vector<float>(side * side)};
   const SquareGrid grid(lat, step, lon, step / std::cos(lat), side);
-  field.add(grid.grid(), octave, {}, square.heights_m, square.on_fragment, {});
-  field.add_brightness(grid.grid(), octave, {}, square.factor, {}, 1);
+  field.add(grid.grid(), octave, {}, square.heights_m, {square.on_fragment, square.factor}, {});
   return square;
 }
 

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -82,6 +83,7 @@ TEST(VectorWidths, DetailIsTheSame) {
   dem::DetailPreset preset;
   preset.craters.smallest_m = 2, preset.craters.largest_m = 500;
   preset.relief.shortest_m = 2, preset.relief.longest_m = 500, preset.relief.deviation_m = 0.6;
+  preset.albedo_variation = 1;
   const dem::Detail detail(preset);
   constexpr std::size_t kPostsAlong = 61;  // not whole vectors
   const dem::SquareGrid grid(-0.7, 1e-6, 2, 1e-6, kPostsAlong);
@@ -90,6 +92,10 @@ TEST(VectorWidths, DetailIsTheSame) {
     std::vector<float> in_crater(kPostsAlong * kPostsAlong);
     detail.add(grid.grid(), dem::kMaxLevel, 8, heights, {in_crater, {}, {}});
     heights.insert(heights.end(), in_crater.begin(), in_crater.end());
+    std::vector<double> factors(kPostsAlong * kPostsAlong, 1.0);
+    detail.add_crater_brightness(grid.grid(), dem::kMaxLevel, 8, factors);
+    EXPECT_GT(*std::max_element(factors.begin(), factors.end()), 1.1);
+    heights.insert(heights.end(), factors.begin(), factors.end());
     return heights;
   });
 }

@@ -71,6 +71,16 @@ class ObjectsInFrame {
   std::uint32_t blocked(const SurfacePoints& points, const std::uint16_t* own_object, std::uint32_t requested,
                         const Vec3& sun) const;
 
+  // Returns whether rocks, seen from a single origin, are the only objects, so that near_rocks() may be asked.
+  bool are_only_rocks() const { return first_rock_ == 0 && in_image_ && toward_sun_; }
+  // Returns the lanes whose ray from the camera may hit a rock, and those from whose point a rock may block the
+  // request's Sun, one bit each. Rays are given by their directions, points in MOON_ME, m.
+  std::uint32_t near_rocks(const double dx[kPacket], const double dy[kPacket], const double dz[kPacket],
+                           const double x[kPacket], const double y[kPacket], const double z[kPacket]) const {
+    const std::uint32_t on_rocks = in_image_->may_hit(dx, dy, dz, kAllLanes);
+    return on_rocks | toward_sun_->may_hit(x, y, z, kAllLanes & ~on_rocks);
+  }
+
   // Sets the radiance per lane, W m-2 sr-1: with the Sun (`out`) and without it (`base`). `indirect`: may be null.
   void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, const TerrainLight* indirect, float* out,
                  float* base) const;

@@ -225,36 +225,39 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   }
 }
 
-void interpolate_brightness(const Mesh& mesh, const TriangleId ids[kPacket], const float* v, const float* w,
-                            float* out) {
-  std::int32_t corner[3][kPacket];
+void gather_brightness(const Mesh& mesh, const TriangleId ids[kPacket], VertexBrightness& out) {
   for (int i = 0; i < kPacket; ++i) {
     const MeshBlock& block = mesh.blocks()[ids[i].block()];
     if (block.brightness.empty()) {
-      corner[0][i] = corner[1][i] = corner[2][i] = dem::kBrightnessOfOne;
+      out.a[i] = out.b[i] = out.c[i] = dem::kBrightnessOfOne;
       continue;
     }
     // In the upper half of a quad, the second vertex is west of the first one and the third south of it.
     const int upper = ids[i].upper() ? 1 : 0, step = 1 - 2 * upper;
     const std::uint16_t* first = &block.brightness[block.posts->index(ids[i].r() + upper, ids[i].c() + upper)];
-    corner[0][i] = *first;
-    corner[1][i] = first[step];
-    corner[2][i] = first[step * block.side];
+    out.a[i] = *first;
+    out.b[i] = first[step];
+    out.c[i] = first[step * block.side];
   }
+}
+
+void interpolate_brightness(const VertexBrightness& vertices, const float* v, const float* w, float* out) {
   for (int i = 0; i < kPacket; ++i) {
-    const auto a = static_cast<float>(corner[0][i]), b = static_cast<float>(corner[1][i]),
-               c = static_cast<float>(corner[2][i]);
+    const auto a = static_cast<float>(vertices.a[i]), b = static_cast<float>(vertices.b[i]),
+               c = static_cast<float>(vertices.c[i]);
     out[i] = (a + v[i] * (b - a) + w[i] * (c - a)) / float{dem::kBrightnessOfOne};
   }
 }
 
 void interpolate_brightness(const Mesh& mesh, const SurfacePoints& points, float* out) {
+  VertexBrightness vertices;
+  gather_brightness(mesh, points.triangle, vertices);
   float v[kPacket], w[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     v[i] = static_cast<float>(points.v[i]);
     w[i] = static_cast<float>(points.w[i]);
   }
-  interpolate_brightness(mesh, points.triangle, v, w, out);
+  interpolate_brightness(vertices, v, w, out);
 }
 
 }  // namespace selenograph::engine

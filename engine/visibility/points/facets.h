@@ -16,10 +16,13 @@ struct alignas(64) Facets {
 // Gathers the vertices of sixteen triangles. They equal those of Mesh::triangle bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 
-// Interpolates the factor of the albedo (Block::brightness) between the vertices of sixteen triangles. `v`, `w`:
-// weights of the second and third vertex.
-void interpolate_brightness(const Mesh& mesh, const TriangleId ids[kPacket], const float* v, const float* w,
-                            float* out);
+// Factors of the albedo at the vertices of sixteen triangles, times dem::kBrightnessOfOne (Block::brightness).
+struct alignas(64) VertexBrightness {
+  std::int32_t a[kPacket], b[kPacket], c[kPacket];
+};
+void gather_brightness(const Mesh& mesh, const TriangleId ids[kPacket], VertexBrightness& out);
+// Interpolates the factor of the albedo between vertices. `v`, `w`: weights of the second and third vertex.
+void interpolate_brightness(const VertexBrightness& vertices, const float* v, const float* w, float* out);
 void interpolate_brightness(const Mesh& mesh, const SurfacePoints& points, float* out);
 
 }  // namespace selenograph::engine

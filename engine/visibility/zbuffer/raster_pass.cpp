@@ -23,6 +23,15 @@ struct RasterPass::Row {
   float *radiance, *bases;  // outputs for the sixteen pixels; null: not requested, or the same for all pixels
 };
 
+// Pixels that the kernel would resolve but for rocks. Most rows have few of them: they go the long way sixteen at a
+// time.
+struct RasterPass::NearRocks {
+  Rays rays;
+  std::uint32_t triangle[kPacket];
+  std::size_t pixel[kPacket];  // index in the image
+  int count = 0;
+};
+
 RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times)
     : job_(job),
       request_(job.request),
@@ -40,7 +49,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
   } else {
     shadows_.emplace(mesh_, request_.sun.direction);
     const Brdf* brdf = shader_.uniform_brdf();
-    if (!brdf || !request_.camera.rectilinear() || !job_.objects.empty()) return;
+    if (!brdf || !request_.camera.rectilinear() || !(job_.objects.empty() || job_.objects.are_only_rocks())) return;
     const int views = job.views.vary() ? job.views.height() : 1;
     for (int row = 0; row < views; ++row)
       row_terms_.emplace_back(job.views.of(row), mesh_.anchor(), shadows_->axes(), *brdf, shader_.irradiance_w_m2(),
@@ -97,32 +106,50 @@ void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, c
   samples.clear(capacity);
   if (disc_) samples.disc.clear(capacity, !job_.objects.empty());
   PacketShader::Sampler sampler = shader_.sampler(job_.stop);
+  const auto row_at = [&](int x, int y) {
+    const std::size_t first_pixel =
+        static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
+        static_cast<std::size_t>(tile.x0 + x);
+    return Row{tile.x0 + x,
+               tile.y0 + y,
+               std::min(kPacket, tile.width - x),
+               first_pixel,
+               sample,
+               lens,
+               shader_,
+               sample.weight > 0 ? radiance_of(sample).data() + first_pixel : nullptr,
+               scratch_.bases.empty() ? nullptr : scratch_.bases.data() + first_pixel};
+  };
+  NearRocks near_rocks;
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; x += kPacket) {
-      const std::size_t first_pixel =
-          static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
-          static_cast<std::size_t>(tile.x0 + x);
       const std::uint32_t* triangles =
           &buffer.triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) +
                            static_cast<std::size_t>(x)];
-      resolve({tile.x0 + x, tile.y0 + y, std::min(kPacket, tile.width - x), first_pixel, sample, lens, shader_,
-               sample.weight > 0 ? radiance_of(sample).data() + first_pixel : nullptr,
-               scratch_.bases.empty() ? nullptr : scratch_.bases.data() + first_pixel},
-              triangles, counts, samples, sampler);
+      resolve(row_at(x, y), triangles, near_rocks, counts, samples, sampler);
     }
+  if (near_rocks.count > 0) resolve_near_rocks(near_rocks, row_at(0, 0), counts, samples, sampler);
   samples.bound();
 }
 
-void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
-                         PacketShader::Sampler& sampler) {
+void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, NearRocks& near_rocks, PixelCounts& counts,
+                         LightSamples& samples, PacketShader::Sampler& sampler) {
   const SubpixelSample& sample = row.sample;
   SurfacePoints points;
   take_triangles(triangles, row.inside, points);
   prefetch(triangles + kPacket);
   ResolvedRow by_kernel;
-  resolve_by_kernel(row, points, by_kernel);
-  if (by_kernel.resolved == kAllLanes && !needs_points(row, points, counts)) {
+  RowPlaces places;
+  std::uint32_t near = resolve_by_kernel(row, points, by_kernel, places);
+  if ((by_kernel.resolved | near) == kAllLanes && !needs_points(row, points, near, counts)) {
     store_row(row, by_kernel, samples);
+    for (; near != 0; near &= near - 1) {
+      const int i = std::countr_zero(near), at = near_rocks.count++;
+      near_rocks.rays.set(at, job_.views.reference().position(), {places.dx[i], places.dy[i], places.dz[i]});
+      near_rocks.triangle[at] = triangles[i];
+      near_rocks.pixel[at] = row.first + static_cast<std::size_t>(i);
+      if (near_rocks.count == kPacket) resolve_near_rocks(near_rocks, row, counts, samples, sampler);
+    }
     return;
   }
   Rays rays;
@@ -137,19 +164,58 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   refine(job_.scene.mesh, rays, points, facets, job_.views.vary() ? kMaxMissOfRows : kMaxMiss);
   // Resolve again by triangles that differ: a pixel must not depend on the triangles that float proposed for its row.
   if (by_kernel.resolved != kAllLanes && std::memcmp(drawn, points.triangle, sizeof drawn) != 0)
-    resolve_by_kernel(row, points, by_kernel);
+    resolve_by_kernel(row, points, by_kernel, places);
   store_row(row, by_kernel, samples);
   resolve_points(row, rays, points, facets, by_kernel, counts, samples, sampler);
 }
 
-void RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const {
+std::uint32_t RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out,
+                                            RowPlaces& places) const {
   const SubpixelSample& sample = row.sample;
   const std::uint32_t hits = hit_bits(points);
-  if (row_terms_.empty() || !sample.light || sample.weight == 0 || hits == 0) return;
+  if (row_terms_.empty() || !sample.light || sample.weight == 0 || hits == 0) return 0;
   const RowTerms& terms = row_terms_[job_.views.vary() ? static_cast<std::size_t>(row.y) : 0];
   resolve_row(job_.scene.mesh, terms, row.x + sample.dx, row.y + sample.dy, points.triangle, out);
   out.resolved &= hits;
-  out.lit &= hits;
+  std::uint32_t near = 0;
+  if (!job_.objects.empty() && out.resolved != 0) {
+    place_row(terms, row.x + sample.dx, row.y + sample.dy, out.light, places);
+    near = out.resolved & job_.objects.near_rocks(places.dx, places.dy, places.dz, places.x, places.y, places.z);
+    out.resolved &= ~near;
+  }
+  out.lit &= out.resolved;
+  return near;
+}
+
+// A packet of collected pixels is at no one place of the image: it is resolved into arrays of its own, which are then
+// copied.
+void RasterPass::resolve_near_rocks(NearRocks& near_rocks, const Row& row, PixelCounts& counts, LightSamples& samples,
+                                    PacketShader::Sampler& sampler) {
+  for (int i = near_rocks.count; i < kPacket; ++i) {
+    near_rocks.rays.set(i, near_rocks.rays.origin(0), near_rocks.rays.direction(0));
+    near_rocks.rays.valid[i] = false;
+  }
+  SurfacePoints points;
+  take_triangles(near_rocks.triangle, near_rocks.count, points);
+  Facets facets;
+  refine(job_.scene.mesh, near_rocks.rays, points, facets);
+  alignas(64) float radiance[kPacket] = {};
+  alignas(64) float bases[kPacket];
+  std::fill_n(bases, kPacket, shader_.base_radiance());
+  SubpixelSample sample = row.sample;
+  sample.store = false;  // needs_points() has found nothing to store but radiance
+  constexpr int kNoRow = -1;
+  const std::size_t first_sample = samples.count;
+  resolve_points({0, kNoRow, near_rocks.count, 0, sample, row.lens, row.shader, radiance, bases}, near_rocks.rays,
+                 points, facets, {}, counts, samples, sampler);
+  for (std::size_t k = first_sample; k < samples.count; ++k)
+    samples.pixel[k] = static_cast<std::uint32_t>(near_rocks.pixel[samples.pixel[k]]);
+  std::vector<float>& image = radiance_of(row.sample);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(near_rocks.count); ++i) {
+    image[near_rocks.pixel[i]] = radiance[i];
+    scratch_.bases[near_rocks.pixel[i]] = bases[i];
+  }
+  near_rocks.count = 0;
 }
 
 // Stores the radiance of the resolved pixels, and adds the lit ones to the samples of the shadow map.
@@ -172,13 +238,17 @@ void RasterPass::store_row(const Row& row, const ResolvedRow& resolved, LightSam
   }
 }
 
-// Counts the pixels of a row whose light and radiance are known. Returns whether their points are needed nevertheless:
-// for ground truth, marks or sources that vary within a quad.
-bool RasterPass::needs_points(const Row& row, const SurfacePoints& points, PixelCounts& counts) {
+// Counts the pixels of a row whose light and radiance are known: all but those near rocks. Returns whether points are
+// needed nevertheless: for ground truth, marks or sources that vary within a quad.
+bool RasterPass::needs_points(const Row& row, const SurfacePoints& points, std::uint32_t near_rocks,
+                              PixelCounts& counts) {
   const SubpixelSample& sample = row.sample;
   if (sample.store && writer_.wants_geometry_of(row.y)) return true;
   if (!sample.count) return false;
-  return writer_.marked(row.y, 1) || !writer_.account_all(points.triangle, kAllLanes, counts);
+  PixelCounts uncounted;
+  return writer_.marked(row.y, 1) ||
+         (near_rocks != 0 && !writer_.account_all(points.triangle, near_rocks, uncounted)) ||
+         !writer_.account_all(points.triangle, kAllLanes & ~near_rocks, counts);
 }
 
 namespace {

@@ -76,22 +76,28 @@ class RasterPass {
   void write_products(Pixels& pixels);
 
  private:
-  struct Row;  // sixteen pixels of a tile
+  struct Row;        // sixteen pixels of a tile
+  struct NearRocks;  // pixels of a tile, collected
 
   // Resolves the pixels of a tile that has been drawn into `buffer`.
   void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
   // Resolves sixteen pixels from the ids of their triangles: by the row kernel where that is enough, else aims their
   // rays and refines their points.
-  void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
-               PacketShader::Sampler& sampler);
+  void resolve(const Row& row, const std::uint32_t* triangles, NearRocks& near_rocks, PixelCounts& counts,
+               LightSamples& samples, PacketShader::Sampler& sampler);
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
                       const ResolvedRow& by_kernel, PixelCounts& counts, LightSamples& samples,
                       PacketShader::Sampler& sampler);
-  // Resolves light and radiance of the pixels that row_kernel.h can resolve.
-  void resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const;
+  // Resolves light and radiance of the pixels that row_kernel.h can resolve. Returns the lanes that it could resolve
+  // but for rocks, which they may show or which may shade them, and sets `places` if there may be any.
+  std::uint32_t resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out,
+                                  RowPlaces& places) const;
+  // Resolves the collected pixels, which are of the row's sample, and empties the collection.
+  void resolve_near_rocks(NearRocks& near_rocks, const Row& row, PixelCounts& counts, LightSamples& samples,
+                          PacketShader::Sampler& sampler);
   static void store_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples);
-  bool needs_points(const Row& row, const SurfacePoints& points, PixelCounts& counts);
+  bool needs_points(const Row& row, const SurfacePoints& points, std::uint32_t near_rocks, PixelCounts& counts);
   // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);
   struct EdgeTiles;  // a batch of tiles

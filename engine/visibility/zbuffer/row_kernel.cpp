@@ -120,6 +120,23 @@ void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, co
   out.resolved = all_resolved;
 }
 
+// Implements place_row().
+void PlaceRow(const RowTerms& terms, double x, double y, const LightLanes& light, RowPlaces& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double px = x + i;
+    out.dx[i] = terms.first[0] + terms.right[0] * px + terms.down[0] * y;
+    out.dy[i] = terms.first[1] + terms.right[1] * px + terms.down[1] * y;
+    out.dz[i] = terms.first[2] + terms.right[2] * px + terms.down[2] * y;
+    const double u = static_cast<double>(light.u[i]) - terms.from_eye[0],
+                 v = static_cast<double>(light.v[i]) - terms.from_eye[1],
+                 d = static_cast<double>(light.d[i]) - terms.from_eye[2];
+    out.x[i] = terms.eye[0] + u * terms.axis[0][0] + v * terms.axis[1][0] + d * terms.axis[2][0];
+    out.y[i] = terms.eye[1] + u * terms.axis[0][1] + v * terms.axis[1][1] + d * terms.axis[2][1];
+    out.z[i] = terms.eye[2] + u * terms.axis[0][2] + v * terms.axis[1][2] + d * terms.axis[2][2];
+  }
+}
+
 // Computes the cosines of the shaded points; that of the phase angle from double, which the opposition surge needs: the
 // angle of a float near 1 is off by 0.02 degrees.
 void RowCosines(const RowPoints& p, double* mu0, double* mu, double* cos_phase) {
@@ -140,6 +157,7 @@ namespace selenograph::engine {
 HWY_EXPORT(FindRowPoints);
 HWY_EXPORT(ShadeRow);
 HWY_EXPORT(RowCosines);
+HWY_EXPORT(PlaceRow);
 
 namespace {
 
@@ -148,9 +166,8 @@ namespace {
 alignas(64) constexpr float kOnes[kPacket] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
 
 // Sets the albedos of points, whose weights are known: factors of the reflectance, or w of Hapke.
-void find_albedos(const Mesh& mesh, const Albedo& albedo, const TriangleId* triangles, const RowPoints& points,
-                  float* out) {
-  interpolate_brightness(mesh, triangles, points.v, points.w, out);
+void find_albedos(const VertexBrightness& vertices, const Albedo& albedo, const RowPoints& points, float* out) {
+  interpolate_brightness(vertices, points.v, points.w, out);
   const auto constant = static_cast<float>(albedo.constant), largest = static_cast<float>(albedo.largest);
   for (int i = 0; i < kPacket; ++i) out[i] = std::min(constant * out[i], largest);
 }
@@ -201,13 +218,20 @@ void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, co
                  ResolvedRow& out) {
   Facets facets;
   gather(mesh, triangles, facets);
+  // Gather brightness before the rays are intersected: vectors that read what scalar code has just stored would stall.
+  VertexBrightness brightness;
+  if (terms.albedo) gather_brightness(mesh, triangles, brightness);
   RowPoints points;
   HWY_DYNAMIC_DISPATCH(FindRowPoints)(terms, facets, x, y, points, out);
   alignas(64) float albedo[kPacket];
-  if (terms.albedo) find_albedos(mesh, *terms.albedo, triangles, points, albedo);
+  if (terms.albedo) find_albedos(brightness, *terms.albedo, points, albedo);
   const float* factors = terms.albedo ? albedo : kOnes;
   HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, factors, out);
   if (terms.other_brdf && out.resolved) reflect_row(terms, points, factors, out);
+}
+
+void place_row(const RowTerms& terms, double x, double y, const LightLanes& light, RowPlaces& out) {
+  HWY_DYNAMIC_DISPATCH(PlaceRow)(terms, x, y, light, out);
 }
 
 }  // namespace selenograph::engine

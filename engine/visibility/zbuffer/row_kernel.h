@@ -55,4 +55,12 @@ struct ResolvedRow {
 void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
                  ResolvedRow& out);
 
+// Rays and points of sixteen pixels, MOON_ME, m. The points follow from their places in light space and are rounded as
+// these are.
+struct alignas(64) RowPlaces {
+  double dx[kPacket], dy[kPacket], dz[kPacket];  // directions of the rays
+  double x[kPacket], y[kPacket], z[kPacket];
+};
+void place_row(const RowTerms& terms, double x, double y, const LightLanes& light, RowPlaces& out);
+
 }  // namespace selenograph::engine
