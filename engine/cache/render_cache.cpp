@@ -100,7 +100,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       lenses_(bytes / 8),
       scattered_(bytes / 8),
       rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMaxRockBytes))),
-      light_tiles_(bytes / 4),
+      light_tiles_(bytes / 2),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 

@@ -64,7 +64,7 @@ class RenderCache {
   // Rocks of details and their surroundings: on the budget, at most an eighth of it.
   const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
 
-  // Indirect light of terrain, on the budget: at most a quarter of it.
+  // Indirect light of terrain, on the budget: at most half of it.
   LightTiles& light_tiles() { return light_tiles_; }
 
   // Keep leases short: leased memory does not count towards the budget.

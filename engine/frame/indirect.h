@@ -15,7 +15,7 @@ struct Earth {
 
 struct IndirectLight {
   bool terrain = false;  // sunlight that terrain reflects
-  int bounces = 1;       // number of reflections; 1 or 2
+  int bounces = 1;       // number of reflections; 1 to 3
   // Distance in the image of the posts at which light is gathered, pixels; at least that of the terrain's posts or, for
   // values below 1, half of it.
   double spacing_px = kDefaultSpacing_px;

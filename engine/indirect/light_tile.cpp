@@ -119,6 +119,9 @@ void set_light(const SectorLight& sectors, LightPost& post) {
   }
 }
 
+// Size of a row's view along 64 azimuths on rough ground; along 32 it is half of this.
+constexpr std::size_t kMeanViewBytes = 100000;
+
 // Returns the step of the lattice of directions, for a source above a position whose vertical is `up`: 0.02 degrees,
 // doubled up to four times while it is at most 1/150 of the source's elevation.
 double lattice_step_deg(const Vec3& direction, const Vec3& up) {
@@ -178,15 +181,16 @@ class LightTiles::CachedTile {
   mutable std::array<dem::Once, FieldPlane::kTileSide> made_;
 };
 
-LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 3), patches_(bytes - bytes / 3) {}
+LightTiles::LightTiles(std::size_t bytes)
+    : tiles_(bytes / 2 / 3), patches_(bytes / 2 - bytes / 2 / 3), views_(bytes - bytes / 2) {}
 LightTiles::~LightTiles() = default;
 std::size_t LightTiles::bytes_of_tile() { return sizeof(CachedTile); }
 
 // Relief of a field with the sunlight on it, from which its tiles are made.
 struct LightTiles::Patch {
-  Patch(std::shared_ptr<const Relief> field_relief, const FrameRequest& request)
+  Patch(std::shared_ptr<const Relief> field_relief, const FrameRequest& request, const GroundViewStore& store)
       : relief(std::move(field_relief)), views(relief->views()) {
-    if (request.indirect.terrain) slopes.emplace(*relief, source_of(request));
+    if (request.indirect.terrain) slopes.emplace(*relief, source_of(request), store);
     if (const auto& earth = request.indirect.earth)
       earth_disc.emplace(*relief, earth->direction, earth_radius_deg(earth->distance_m));
   }
@@ -195,8 +199,9 @@ struct LightTiles::Patch {
   std::size_t bytes() const { return sizeof *this + relief->bytes() + (slopes ? slopes->bytes() : 0); }
 
   // Fills row `tile_row` of a tile. Its posts are those of the relief's finest grid in `row`, from `column` on,
-  // `stride` columns apart.
-  void fill_row(int row, int column, int stride, std::size_t tile_row, LightTile& tile, const StopToken& stop) const {
+  // `stride` columns apart. `keep_view`: see SlopeLight::gather().
+  void fill_row(int row, int column, int stride, bool keep_view, std::size_t tile_row, LightTile& tile,
+                const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
     const Eigen::Matrix3f moon_from_grids = relief->axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> row_light;
@@ -204,7 +209,7 @@ struct LightTiles::Patch {
       light.from.fill(Eigen::Vector3f::Zero());
       light.sky.setZero();
     }
-    if (slopes) slopes->gather(row, column, stride, row_light, stop);
+    if (slopes) slopes->gather(row, column, stride, row_light, stop, keep_view);
     MarchLanes lanes = relief->march_lanes(row, column, stride);
     alignas(64) float earth_share[kPacket] = {};
     if (earth_disc) earth_disc->shares(views, stride, lanes, earth_share);
@@ -258,7 +263,9 @@ std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& fie
   return patches_.get(
       key_of(light, field, -1),
       [&]() -> decltype(patches_)::Loaded {
-        const auto made = std::make_shared<const Patch>(relief(field, plane, inputs.terrain, stop), inputs.request);
+        const GroundViewStore store{&views_, key_of(inputs.terrain, field)};
+        const auto made =
+            std::make_shared<const Patch>(relief(field, plane, inputs.terrain, stop), inputs.request, store);
         return {made, made->bytes()};
       },
       stop);
@@ -268,12 +275,17 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
                                                               std::span<const TileRows> tiles, const TileInputs& inputs,
                                                               const StopToken& stop) {
   const FrameRequest rounded = on_lattice(inputs.request, plane.centre());
-  const TileInputs rounded_inputs{inputs.terrain, rounded};
+  const TileInputs rounded_inputs{inputs.terrain, rounded, inputs.tiles};
   const ContentKey light = key_of(rounded_inputs);
   struct MissingRow {
     const CachedTile* cached;
     int tile, row;
+    bool keep_view;
   };
+  // The field's share of the views that fit, in tiles: the first ones, so that the next Sun finds the same.
+  const std::size_t fitting_tiles = views_.capacity() / kMeanViewBytes / FieldPlane::kTileSide,
+                    tiles_with_views =
+                        inputs.tiles <= fitting_tiles ? tiles.size() : tiles.size() * fitting_tiles / inputs.tiles;
   std::vector<std::shared_ptr<const LightTile>> out;
   std::vector<MissingRow> missing;
   for (const TileRows& tile : tiles) {
@@ -284,7 +296,8 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
         },
         stop);
     for (int row = 0; row < FieldPlane::kTileSide; ++row)
-      if (tile.has(row) && !cached->has(row)) missing.push_back({cached.get(), tile.tile, row});
+      if (tile.has(row) && !cached->has(row))
+        missing.push_back({cached.get(), tile.tile, row, out.size() < tiles_with_views});
     out.emplace_back(cached, &cached->light());
   }
   if (missing.empty()) return out;
@@ -295,10 +308,10 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
     return source_patch->relief->middle() + (tile_index - half_tiles) * FieldPlane::kTileQuads * stride;
   };
   in_parallel(missing.size(), [&](std::size_t i) {
-    const auto [cached, tile_number, row] = missing[i];
+    const auto [cached, tile_number, row, keep_view] = missing[i];
     const int south = first_post(tile_number / plane.tiles()), west = first_post(tile_number % plane.tiles());
-    cached->ensure_row(row, [&, row = row](LightTile& tile) {
-      source_patch->fill_row(south + row * stride, west, stride, static_cast<std::size_t>(row), tile, stop);
+    cached->ensure_row(row, [&, row = row, keep_view = keep_view](LightTile& tile) {
+      source_patch->fill_row(south + row * stride, west, stride, keep_view, static_cast<std::size_t>(row), tile, stop);
     });
   });
   return out;

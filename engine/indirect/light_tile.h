@@ -42,6 +42,7 @@ LightSources light_sources(const FrameRequest& request, double direct_w_m2);
 struct TileInputs {
   const dem::Terrain& terrain;
   const FrameRequest& request;
+  std::size_t tiles;  // number of tiles of all fields of the frame
 };
 
 // Cache of tiles with a memory budget. Rows of tiles, reliefs and the sunlight on them are made on first request and
@@ -50,8 +51,12 @@ struct TileInputs {
 // Directions of Sun and Earth are rounded to a lattice, so that the frames of a loop share the light while the Sun
 // moves. The lattice step grows with the elevation over the field's middle: light changes by 1 % for each hundredth of
 // it. From 3 to 60 degrees the light is at most 0.5 % off; lower, the Sun is at most 0.0142 degrees off. Thread-safe.
+//
+// What rows of posts see of the ground (GroundView) is kept for the next Sun, for as many of a frame's rows as fit: an
+// LRU cache of fewer rows than a frame's would have evicted each one before the next frame needs it.
 class LightTiles {
  public:
+  // Half of the bytes is for views.
   explicit LightTiles(std::size_t bytes);
   ~LightTiles();
 
@@ -60,7 +65,7 @@ class LightTiles {
   std::vector<std::shared_ptr<const LightTile>> get(const LightField& field, const FieldPlane& plane,
                                                     std::span<const TileRows> tiles, const TileInputs& inputs,
                                                     const StopToken& stop);
-  std::size_t bytes() const { return tiles_.bytes() + patches_.bytes(); }
+  std::size_t bytes() const { return tiles_.bytes() + patches_.bytes() + views_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // bytes for tiles
 
   // Returns the memory of a tile.
@@ -76,6 +81,7 @@ class LightTiles {
                                      const TileInputs& inputs, const StopToken& stop);
   dem::Cache<ContentKey, CachedTile, ContentKeyHash> tiles_;
   dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
+  GroundViewStore::Views views_;
   std::mutex mutex_;  // guards reliefs_
   // Reliefs of the cached patches.
   std::unordered_map<ContentKey, std::weak_ptr<const Relief>, ContentKeyHash> reliefs_;

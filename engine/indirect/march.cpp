@@ -363,25 +363,66 @@ void IntegrateElevation(const float* from, const float* to, VisibleSegment& segm
   }
 }
 
-// Implements find_visible_segments().
-void FindSegments(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-                  std::vector<VisibleSegment>& segments, float* horizon) {
-  const RayMarch march = MakeRayMarch(grids, sphere, lanes, stride);
+// GroundSegment::rise as bits of a float: the shift of the mantissa, and the number whose code is 0.
+inline constexpr int kRiseShift = 20;
+inline constexpr std::uint32_t kRiseZero = std::uint32_t{127 - 24} << 23;
+inline constexpr std::int32_t kRiseHalf = 1 << (kRiseShift - 1);
+
+// Sets the rises of a segment. `sum`: NaN where no rise was set yet; then the horizon where it began goes to `first`.
+void SetRises(const RunningHorizon& running, const float* tangent_here, float* first, float* sum,
+              GroundSegment& segment) {
+  const Sixteen d;
+  const hn::Rebind<std::int32_t, Sixteen> di;
+  const hn::Rebind<std::uint8_t, Sixteen> d8;
+  const auto zero_code = hn::Set(di, static_cast<std::int32_t>(kRiseZero));
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto horizon = hn::Load(d, running.tangent + i), now = hn::Load(d, tangent_here + i),
+               sum_so_far = hn::Load(d, sum + i);
+    const auto has_horizon = hn::Gt(horizon, hn::Set(d, kNothing));
+    const auto begins = hn::And(has_horizon, hn::IsNaN(sum_so_far));
+    const auto before = hn::IfThenElse(begins, horizon, sum_so_far);
+    const auto visible = hn::And(has_horizon, hn::Gt(now, horizon));
+    const auto rise = hn::Max(hn::IfThenElseZero(visible, hn::Sub(now, before)), hn::Zero(d));
+    const auto rounded =
+        hn::ShiftRight<kRiseShift>(hn::Add(hn::Sub(hn::BitCast(di, rise), zero_code), hn::Set(di, kRiseHalf)));
+    const auto code = hn::Min(hn::Max(rounded, hn::Zero(di)), hn::Set(di, 255));
+    const auto coded_rise = hn::IfThenElseZero(hn::RebindMask(d, hn::Gt(code, hn::Zero(di))),
+                                               hn::BitCast(d, hn::Add(hn::ShiftLeft<kRiseShift>(code), zero_code)));
+    hn::StoreU(hn::DemoteTo(d8, code), d8, segment.rise + i);
+    hn::Store(hn::IfThenElse(begins, horizon, hn::Load(d, first + i)), d, first + i);
+    hn::Store(hn::Add(before, coded_rise), d, sum + i);
+  }
+}
+
+// Implements find_visible_ground().
+void FindGround(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, GroundView& view,
+                float* horizon) {
+  const RayMarch march = MakeRayMarch(grids, sphere, lanes, view.stride);
+  GroundView::Azimuth& azimuth = view.azimuths.emplace_back();
+  alignas(64) float sum[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    azimuth.first_tangent[i] = 0;
+    sum[i] = std::numeric_limits<float>::quiet_NaN();
+  }
   RunningHorizon running;
   const auto add_segment_of_step = [&](std::size_t grid, float middle_m, const float* tangent_here) {
     if (!RisesAboveHorizon(running, tangent_here)) return;
     RowOfCells cells;
     const std::size_t covering = FirstCoveringGrid(march, grid, middle_m, cells);
     if (covering == grids.size()) return;
-    VisibleSegment& segment = segments.emplace_back();
-    segment.grid = covering;
-    segment.cells = cells;
-    IntegrateElevation(running.tangent, tangent_here, segment);
+    GroundSegment& segment = view.segments.emplace_back();
+    segment.column = cells.column;
+    segment.row = static_cast<std::uint16_t>(cells.row);
+    segment.grid = static_cast<std::uint8_t>(covering);
+    SetRises(running, tangent_here, azimuth.first_tangent, sum, segment);
   };
   RunMarch(march, sphere.farthest_m, running, add_segment_of_step, [&](const GridView& grid, float distance_m) {
     return NothingHigherAhead(march, grid, distance_m, running.tangent);
   });
   for (int i = 0; i < kPacket; ++i) horizon[i] = running.tangent[i];
+  azimuth.ux = lanes.ux;
+  azimuth.uy = lanes.uy;
+  azimuth.past_last = static_cast<std::uint32_t>(view.segments.size());
 }
 
 // Adds the sky above a horizon of tangent t. Over elevations from atan t to pi / 2, cos^2 integrates to (pi / 2 - atan
@@ -406,26 +447,48 @@ struct alignas(64) GroundLanes {
   float nx[kPacket], ny[kPacket], albedo[kPacket];
 };
 
-// Implements light_segment().
-bool LightOfSegment(const VisibleSegment& segment, const GridView& grid, const AzimuthLanes& lanes, bool with_glow,
-                    SegmentLight& out) {
+// Returns the cells of a segment.
+HWY_INLINE RowOfCells CellsOfSegment(const GroundSegment& segment, const GroundView& view, const GridView& grid) {
+  return {segment.row, segment.column, static_cast<float>(view.stride) / grid.coarser, 0};
+}
+
+// Adds a segment's rises to the horizons, and reads the light on its cells. Returns false if all that is visible is
+// dark.
+bool ReadLight(const GroundSegment& segment, const RowOfCells& cells, const GridView& grid, int glow_number,
+               const float* from, float* to, SegmentLight& out) {
   const GroundLight& light = *grid.light;
-  const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(segment.cells.row) * grid.side;
-  GroundLanes ground;
+  const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(segment.row) * grid.side;
   const Sixteen d;
+  const hn::Rebind<std::uint8_t, Sixteen> d8;
+  const hn::Rebind<std::uint32_t, Sixteen> d32;
   auto brightest = hn::Zero(d);
   for (int i = 0; i < kPacket; i += kLanes) {
-    const Columns<Sixteen> columns(d, segment.cells, i);
-    const auto visible = hn::Gt(hn::Load(d, segment.along + i), hn::Zero(d));
+    const auto code = hn::PromoteTo(d32, hn::LoadU(d8, segment.rise + i));
+    const auto visible = hn::RebindMask(d, hn::Ne(code, hn::Zero(d32)));
+    const auto rise = hn::BitCast(d, hn::Add(hn::ShiftLeft<kRiseShift>(code), hn::Set(d32, kRiseZero)));
+    hn::Store(hn::Add(hn::Load(d, from + i), hn::IfThenElseZero(visible, rise)), d, to + i);
+    const Columns<Sixteen> columns(d, cells, i);
     const auto lit = hn::IfThenElseZero(visible, columns.west(d, light.lit.data() + row));
-    const auto glow = with_glow ? hn::IfThenElseZero(visible, columns.west(d, light.glow.data() + row)) : hn::Zero(d);
     hn::Store(lit, d, out.lit + i);
+    auto glow = hn::Zero(d);
+    if (glow_number >= 0)
+      glow =
+          hn::IfThenElseZero(visible, columns.west(d, light.glow[static_cast<std::size_t>(glow_number)].data() + row));
     hn::Store(glow, d, out.glow + i);
     brightest = hn::Max(brightest, hn::Max(lit, glow));
   }
-  if (hn::AllFalse(d, hn::Gt(brightest, hn::Zero(d)))) return false;
+  return !hn::AllFalse(d, hn::Gt(brightest, hn::Zero(d)));
+}
+
+// Sets the cosines of incidence, emission and phase on a segment's ground, and its albedo.
+void SetAngles(const VisibleSegment& segment, const RowOfCells& cells, const GridView& grid, const AzimuthLanes& lanes,
+               SegmentLight& out) {
+  const GroundLight& light = *grid.light;
+  const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(cells.row) * grid.side;
+  GroundLanes ground;
+  const Sixteen d;
   for (int i = 0; i < kPacket; i += kLanes) {
-    const Columns<Sixteen> columns(d, segment.cells, i);
+    const Columns<Sixteen> columns(d, cells, i);
     hn::Store(columns.west(d, light.nx.data() + row), d, ground.nx + i);
     hn::Store(columns.west(d, light.ny.data() + row), d, ground.ny + i);
     const auto albedo = light.albedo.empty() ? hn::Set(d, 1.F) : columns.west(d, light.albedo.data() + row);
@@ -450,7 +513,25 @@ bool LightOfSegment(const VisibleSegment& segment, const GridView& grid, const A
     out.cos_phase[i] = static_cast<double>(-(x * sx + y * sy + z * sz));
     out.albedo[i] = static_cast<double>(ground.albedo[i]);
   }
-  return true;
+}
+
+// Implements next_lit_segment().
+bool NextLitSegment(const GroundView& view, std::span<const GridView> grids, const AzimuthLanes& lanes, int glow,
+                    SegmentCursor& cursor, VisibleSegment& segment, SegmentLight& light) {
+  alignas(64) float to[kPacket];
+  while (cursor.segment < cursor.past_last) {
+    const GroundSegment& ground = view.segments[cursor.segment++];
+    const GridView& grid = grids[ground.grid];
+    const RowOfCells cells = CellsOfSegment(ground, view, grid);
+    const bool lit = ReadLight(ground, cells, grid, glow, cursor.horizon, to, light);
+    if (lit) {
+      IntegrateElevation(cursor.horizon, to, segment);
+      SetAngles(segment, cells, grid, lanes, light);
+    }
+    std::copy_n(to, kPacket, cursor.horizon);
+    if (lit) return true;
+  }
+  return false;
 }
 
 // Implements add_segment().
@@ -475,8 +556,8 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 
 HWY_EXPORT(FindHorizons);
-HWY_EXPORT(FindSegments);
-HWY_EXPORT(LightOfSegment);
+HWY_EXPORT(FindGround);
+HWY_EXPORT(NextLitSegment);
 HWY_EXPORT(AddSegment);
 HWY_EXPORT(AddSky);
 
@@ -485,14 +566,19 @@ void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, c
   HWY_DYNAMIC_DISPATCH(FindHorizons)(grids, sphere, lanes, stride, sufficient_tangent, tangent);
 }
 
-void find_visible_segments(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
-                           int stride, std::vector<VisibleSegment>& segments, float* horizon) {
-  HWY_DYNAMIC_DISPATCH(FindSegments)(grids, sphere, lanes, stride, segments, horizon);
+void find_visible_ground(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+                         GroundView& view, float* horizon) {
+  HWY_DYNAMIC_DISPATCH(FindGround)(grids, sphere, lanes, view, horizon);
 }
 
-bool light_segment(const VisibleSegment& segment, const GridView& grid, const AzimuthLanes& lanes, bool with_glow,
-                   SegmentLight& out) {
-  return HWY_DYNAMIC_DISPATCH(LightOfSegment)(segment, grid, lanes, with_glow, out);
+SegmentCursor::SegmentCursor(const GroundView& view, std::size_t azimuth)
+    : segment(azimuth == 0 ? 0 : view.azimuths[azimuth - 1].past_last), past_last(view.azimuths[azimuth].past_last) {
+  std::copy_n(view.azimuths[azimuth].first_tangent, kPacket, horizon);
+}
+
+bool next_lit_segment(const GroundView& view, std::span<const GridView> grids, const AzimuthLanes& lanes, int glow,
+                      SegmentCursor& cursor, VisibleSegment& segment, SegmentLight& light) {
+  return HWY_DYNAMIC_DISPATCH(NextLitSegment)(view, grids, lanes, glow, cursor, segment, light);
 }
 
 void add_segment(const VisibleSegment& segment, const AzimuthLanes& lanes, const SegmentLight& light,

@@ -11,6 +11,8 @@
 //                                                          quarter steps around crests and walls
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -24,13 +26,17 @@ namespace selenograph::engine {
 // of which it spans kPostsPerStep posts.
 inline constexpr float kStepsPerDistance = 24, kPostsPerStep = 2;
 
+// Largest number of reflections of light from terrain.
+inline constexpr int kMaxBounces = 3;
+
 // Light on the cells of a grid, as arrays like the grid's heights. A cell lies between four posts.
 struct GroundLight {
   using Values = dem::UninitialisedVector<float>;
   Values nx, ny;  // unit normal in the grids' axes; its z is positive
   Values lit;     // visible share of the Sun's disc; 0 without data
   Values albedo;  // the ground's albedo by the maps; empty without a map: 1 everywhere
-  Values glow;    // radiance of light from other ground, for a Sun of 1 W m-2; empty with one bounce
+  // Radiance of light from other ground, for a Sun of 1 W m-2: of one bounce, of up to two; empty where not needed.
+  std::array<Values, kMaxBounces - 1> glow;
 };
 
 // Extra elements at the end of each array, because rows are read in full vectors.
@@ -73,7 +79,46 @@ struct RowOfCells {
   float north;          // share of the way to the next row, 0 to 1
 };
 
-// Ground that one step of a march adds to the view of sixteen points.
+// Ground that one step of a march adds to the view of sixteen points: its cells, and how far the tangent of each lane's
+// horizon rises there.
+struct GroundSegment {
+  float column;       // of the first lane's cell; the others are RowOfCells::pitch apart
+  std::uint16_t row;  // of the cells
+  std::uint8_t grid;
+  std::uint8_t unused = 0;
+  // Numbers with five bits of exponent and three of mantissa, from 2^-24 on; 0 in lanes that see nothing. A rise is
+  // that from the sum of the lane's rises so far, so that their rounding errors do not add up.
+  std::uint8_t rise[kPacket];
+};
+static_assert(sizeof(GroundSegment) == 24);
+
+// The ground that sixteen points in a row see. It depends on no light.
+struct GroundView {
+  struct alignas(64) Azimuth {
+    float first_tangent[kPacket];  // horizons where they begin; 0 without ground
+    float ux, uy;                  // unit vector of the direction
+    std::uint32_t past_last;       // index of the segment after this azimuth's; they begin where the last azimuth's end
+  };
+  // A square of cells, by its index in a grid.
+  struct Square {
+    std::uint32_t grid, index;
+  };
+  int stride = 1;  // columns of the finest grid from point to point
+  std::vector<Azimuth> azimuths;
+  std::vector<GroundSegment> segments;  // by azimuth, nearest first
+  std::vector<Square> squares;          // squares with cells of any segment
+  float sky[3][kPacket] = {};           // sum over azimuths of the direction's integral over the sky, see add_sky()
+  std::size_t bytes() const {
+    return sizeof *this + azimuths.capacity() * sizeof(Azimuth) + segments.capacity() * sizeof(GroundSegment) +
+           squares.capacity() * sizeof(Square);
+  }
+};
+
+// Appends an azimuth, the lanes' direction, to a view. Sets horizon[i] as find_horizons() does.
+void find_visible_ground(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+                         GroundView& view, float* horizon);
+
+// Visible ground of a segment, from the old horizons to the new ones.
 struct VisibleSegment {
   // Leaves all members uninitialised: each is written next.
   VisibleSegment() {}  // NOLINT(modernize-use-equals-default)
@@ -81,13 +126,7 @@ struct VisibleSegment {
   alignas(64) float along[kPacket];
   alignas(64) float up[kPacket];
   alignas(64) float tangent[kPacket];  // tangent of the elevation of its middle
-  std::size_t grid;
-  RowOfCells cells;  // cells at its middle
 };
-
-// Appends the visible ground to `segments`, nearest first. Sets horizon[i] as find_horizons() does.
-void find_visible_segments(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
-                           int stride, std::vector<VisibleSegment>& segments, float* horizon);
 
 // Directions at sixteen points that look along one azimuth, in the grids' axes.
 struct alignas(64) AzimuthLanes {
@@ -100,9 +139,18 @@ struct alignas(64) SegmentLight {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket];
   float lit[kPacket], glow[kPacket];
 };
-// Reads the light on a segment's ground. Returns false if it is dark. `with_glow`: also light from other ground.
-bool light_segment(const VisibleSegment& segment, const GridView& grid, const AzimuthLanes& lanes, bool with_glow,
-                   SegmentLight& out);
+
+// Position in an azimuth of a view, with the horizons there.
+struct alignas(64) SegmentCursor {
+  float horizon[kPacket];  // tangents
+  std::size_t segment, past_last;
+  SegmentCursor(const GroundView& view, std::size_t azimuth);
+};
+// Advances to the next segment whose ground sends light to any lane, and reads that light. Returns false if there is
+// none. `glow`: number of the ground's glow to read, see GroundLight; -1: sunlight only. All cells of the view must be
+// lit.
+bool next_lit_segment(const GroundView& view, std::span<const GridView> grids, const AzimuthLanes& lanes, int glow,
+                      SegmentCursor& cursor, VisibleSegment& segment, SegmentLight& light);
 
 // Adds the light that a segment sends to the sixteen points to their sums, by x, y and z: integrals of radiance times
 // direction. `reflected`: mu0 f_r of its ground; `times_albedo`: multiply it by the segment's albedo, which `reflected`

@@ -107,6 +107,11 @@ class SlopeLight::Square {
     return lanes;
   }
 
+  // Returns the row of cells at whose middles the light of other ground is gathered.
+  int middle_row() const { return rows / 2; }
+  int row() const { return row_; }
+  int column() const { return column_; }
+
   const std::size_t grid;
   const int rows, columns;
 
@@ -116,9 +121,10 @@ class SlopeLight::Square {
   int row_, column_;
 };
 
-SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
+SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source, const GroundViewStore& store)
     : relief_(relief),
       source_(std::move(source)),
+      store_(store),
       disc_(relief, source_.sun.direction, source_.sun.angular_radius_deg),
       azimuths_(disc_.direction().z() < std::sin(kLowSun_deg * kRadiansPerDegree) ? kAzimuthsAtLowSun : kAzimuths),
       ground_(relief.grids()),
@@ -137,37 +143,35 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
     for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit}) values->resize(side * side + kPadding);
     if (source_.albedo) light.albedo.resize(side * side + kPadding);
     ground.lit = std::make_unique<dem::Once[]>(squares);
-    if (source_.bounces > 1) {
-      light.glow.resize(side * side + kPadding);
-      ground.glows = std::make_unique<dem::Once[]>(squares);
+    for (std::size_t k = 0; k + 1 < static_cast<std::size_t>(source_.bounces); ++k) {
+      light.glow[k].resize(side * side + kPadding);
+      ground.glows[k] = std::make_unique<dem::Once[]>(squares);
     }
     grids_[g].light = &light;
   }
 }
 
 std::size_t SlopeLight::bytes() const {
+  const auto glows = static_cast<std::size_t>(source_.bounces - 1);
   std::size_t sum = 0;
   for (const Ground& ground : ground_)
-    sum += (3 * ground.light.lit.capacity() + ground.light.albedo.capacity() + ground.light.glow.capacity()) *
-               sizeof(float) +
+    sum += ((3 + glows) * ground.light.lit.capacity() + ground.light.albedo.capacity()) * sizeof(float) +
            static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares) * sizeof(dem::Once) *
-               (ground.glows ? 2 : 1);
+               (1 + glows);
   return sum;
 }
 
-void SlopeLight::light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
-                             const StopToken& stop) const {
+void SlopeLight::light_square(std::size_t grid, std::size_t index, int bounces, const StopToken& stop) const {
   const Ground& ground = ground_[grid];
-  const int side = grids_[grid].side;
-  const auto square_of = [&](int cell) { return std::clamp(cell, 0, side - 1) / kSquare; };
-  for (int c = square_of(first_column); c <= square_of(last_column); ++c) {
-    const int r = square_of(row);
-    const std::size_t index =
-        static_cast<std::size_t>(r) * static_cast<std::size_t>(ground.squares) + static_cast<std::size_t>(c);
-    const auto square = [&] { return Square(relief_, grids_[grid], grid, r * kSquare, c * kSquare); };
-    ground.lit[index].run([&] { light_in_sun(square(), stop); });
-    if (bounces > 1) ground.glows[index].run([&] { light_by_ground(square(), stop); });
-  }
+  const auto square = [&] {
+    const auto squares = static_cast<std::size_t>(ground.squares);
+    return Square(relief_, grids_[grid], grid, static_cast<int>(index / squares) * kSquare,
+                  static_cast<int>(index % squares) * kSquare);
+  };
+  ground.lit[index].run([&] { light_in_sun(square(), stop); });
+  if (bounces > 1)
+    ground.glows[static_cast<std::size_t>(bounces - 2)][index].run(
+        [&] { light_by_ground(square(), bounces - 1, stop); });
 }
 
 // The square's own grid and the coarser ones cast shadows on it.
@@ -208,13 +212,19 @@ void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const
 
 // The glow counts as diffuse light. The light is gathered at the cells of the middle row only, one for each column: a
 // square is at most a third as wide as the distance from which a march reads it.
-void SlopeLight::light_by_ground(const Square& square, const StopToken& stop) const {
+void SlopeLight::light_by_ground(const Square& square, int bounces, const StopToken& stop) const {
   GroundLight& light = ground_[square.grid].light;
+  GroundLight::Values& glow = light.glow[static_cast<std::size_t>(bounces - 1)];
   Square::Cells cells;
-  MarchLanes lanes = square.march_lanes(square.rows / 2, cells);
+  MarchLanes lanes = square.march_lanes(square.middle_row(), cells);
   ArrivingLight arriving;
-  gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), {kAzimuthsOfGround, 0.5}, 1, arriving,
-         stop);
+  gather({square.grid,
+          square.row() + square.middle_row(),
+          square.column(),
+          static_cast<int>(grids_[square.grid].coarser),
+          true,
+          {kAzimuthsOfGround, 0.5}},
+         lanes, bounces, false, arriving, stop);
   for (int r = 0; r < square.rows; ++r) {
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t cell = square.post(r, c);
@@ -222,7 +232,7 @@ void SlopeLight::light_by_ground(const Square& square, const StopToken& stop) co
       float irradiance = 0;
       for (const auto& sector : arriving.from)
         irradiance += std::max(nx * sector[0][c] + ny * sector[1][c] + nz * sector[2][c], 0.F);
-      light.glow[cell] = irradiance * static_cast<float>(glow_of(albedo_at(light, cell)));
+      glow[cell] = irradiance * static_cast<float>(glow_of(albedo_at(light, cell)));
     }
   }
 }
@@ -250,8 +260,9 @@ double SlopeLight::reflected(double mu0, double mu, double cos_phase, double alb
 }
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
-  light_cells(0, row, column, column, source_.bounces, stop);
-  const GroundLight& light = ground_.front().light;
+  const Ground& ground = ground_.front();
+  light_square(0, static_cast<std::size_t>(row / kSquare * ground.squares + column / kSquare), source_.bounces, stop);
+  const GroundLight& light = ground.light;
   const std::size_t post =
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
@@ -259,46 +270,106 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
   // The relief's z axis stands for the zenith: it is that of the relief's centre.
   const double albedo = albedo_at(light, post), lit = static_cast<double>(light.lit[post]);
   const double direct = mu0 > 0 && lit > 0 ? lit * reflected(mu0, normal.z(), disc_.direction().z(), albedo) : 0,
-               glow = light.glow.empty() ? 0 : static_cast<double>(light.glow[post]);
+               glow = source_.bounces == 1
+                          ? 0
+                          : static_cast<double>(light.glow[static_cast<std::size_t>(source_.bounces - 2)][post]);
   return static_cast<float>(kPi * source_.irradiance_w_m2 * (direct + glow));
 }
 
-void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces,
-                        ArrivingLight& out, const StopToken& stop) const {
-  const std::span<const GridView> grids = std::span(grids_).subspan(grid);
+void SlopeLight::set_squares(std::size_t first_grid, GroundView& view) const {
+  std::vector<std::vector<bool>> has(grids_.size() - first_grid);
+  for (std::size_t g = 0; g < has.size(); ++g) {
+    const auto squares = static_cast<std::size_t>(ground_[first_grid + g].squares);
+    has[g].resize(squares * squares);
+  }
+  for (const GroundSegment& segment : view.segments) {
+    const GridView& grid = grids_[first_grid + segment.grid];
+    const float pitch = static_cast<float>(view.stride) / grid.coarser;
+    // All cells that the vector loads read; for a pitch above 1 also those between the lanes.
+    const float columns_read =
+        pitch > 1 ? static_cast<float>(kPacket) * pitch - 1 : static_cast<float>(kPacket - 1) * pitch;
+    const auto square_of = [&](float column) {
+      return std::clamp(static_cast<int>(column), 0, grid.side - 1) / kSquare;
+    };
+    const int first = segment.row / kSquare * ground_[first_grid + segment.grid].squares;
+    for (int c = square_of(segment.column); c <= square_of(segment.column + columns_read); ++c)
+      has[segment.grid][static_cast<std::size_t>(first + c)] = true;
+  }
+  for (std::size_t g = 0; g < has.size(); ++g)
+    for (std::size_t index = 0; index < has[g].size(); ++index)
+      if (has[g][index])
+        view.squares.push_back({static_cast<std::uint32_t>(first_grid + g), static_cast<std::uint32_t>(index)});
+}
+
+GroundView SlopeLight::march_view(const Gatherers& gatherers, MarchLanes& lanes, AzimuthLanes& directions) const {
+  const std::span<const GridView> grids = std::span(grids_).subspan(gatherers.grid);
+  const Azimuths& azimuths = gatherers.azimuths;
+  GroundView view;
+  view.stride = gatherers.stride;
+  view.azimuths.reserve(static_cast<std::size_t>(azimuths.count));
+  constexpr std::size_t kSegmentsPerAzimuth = 96;  // more than most have
+  view.segments.reserve(kSegmentsPerAzimuth * static_cast<std::size_t>(azimuths.count));
   alignas(64) float horizon[kPacket];
+  for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
+    const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
+    aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
+    find_visible_ground(grids, relief_.sphere(), lanes, view, horizon);
+    add_sky(directions, horizon, view.sky);
+  }
+  set_squares(gatherers.grid, view);
+  return view;
+}
+
+std::shared_ptr<const GroundView> SlopeLight::view_of(const Gatherers& gatherers, MarchLanes& lanes,
+                                                      AzimuthLanes& directions, bool keep_view,
+                                                      const StopToken& stop) const {
+  if (!keep_view || !store_.views) return std::make_shared<const GroundView>(march_view(gatherers, lanes, directions));
+  ContentHash key;
+  key.add(store_.relief.low);
+  key.add(store_.relief.high);
+  key.add(gatherers.grid);
+  key.add(gatherers.of_cells);
+  for (const int value : {gatherers.row, gatherers.column, gatherers.stride, gatherers.azimuths.count}) key.add(value);
+  key.add(gatherers.azimuths.first);
+  return store_.views->get(
+      key.key(),
+      [&]() -> GroundViewStore::Views::Loaded {
+        GroundView view = march_view(gatherers, lanes, directions);
+        view.segments.shrink_to_fit();
+        const std::size_t bytes = view.bytes();
+        return {std::make_shared<const GroundView>(std::move(view)), bytes};
+      },
+      stop);
+}
+
+void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounces, bool keep_view, ArrivingLight& out,
+                        const StopToken& stop) const {
+  const std::span<const GridView> grids = std::span(grids_).subspan(gatherers.grid);
   AzimuthLanes directions;
   for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (int i = 0; i < kPacket; ++i) {
     const Vec3 up = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
     for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(up[k]);
   }
-  std::vector<VisibleSegment> segments;
+  const std::shared_ptr<const GroundView> view = view_of(gatherers, lanes, directions, keep_view, stop);
+  for (const GroundView::Square& square : view->squares) light_square(square.grid, square.index, bounces, stop);
+  std::copy_n(&view->sky[0][0], 3 * kPacket, &out.sky[0][0]);
+  VisibleSegment segment;
   SegmentLight light;
   alignas(64) double reflected[kPacket];
-  // March along each azimuth; light the visible ground on demand, then add what it reflects.
-  for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
-    const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
-    aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
-    segments.clear();
-    find_visible_segments(grids, relief_.sphere(), lanes, stride, segments, horizon);
-    add_sky(directions, horizon, out.sky);
-    auto& sector_sum = out.from[azimuth / (azimuths.count / kSectors)];
-    for (const VisibleSegment& segment : segments) {
-      const RowOfCells& cells = segment.cells;
-      // Light all cells that the vector loads read; for a pitch above 1 also those between the lanes.
-      const float columns_read = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
-                                                 : static_cast<float>(kPacket - 1) * cells.pitch;
-      light_cells(grid + segment.grid, cells.row, static_cast<int>(cells.column),
-                  static_cast<int>(cells.column + columns_read), bounces, stop);
-      if (!light_segment(segment, grids[segment.grid], directions, bounces > 1, light)) continue;
+  const std::size_t azimuths_per_sector = view->azimuths.size() / kSectors;
+  for (std::size_t azimuth = 0; azimuth < view->azimuths.size(); ++azimuth) {
+    aim(view->azimuths[azimuth].ux, view->azimuths[azimuth].uy, lanes, directions);
+    auto& sector_sum = out.from[azimuth / azimuths_per_sector];
+    SegmentCursor cursor(*view, azimuth);
+    while (next_lit_segment(*view, grids, directions, bounces - 2, cursor, segment, light)) {
       source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
                              reflected);
       add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sector_sum);
     }
   }
   // Turn the sums over azimuths into integrals: each azimuth stands for an angle of 2 pi / count.
-  const auto azimuth_step = static_cast<float>(2 * kPi / azimuths.count);
+  const auto azimuth_step = static_cast<float>(2 * kPi / gatherers.azimuths.count);
   const auto scale = [&](float(&sum)[3][kPacket]) {
     for (auto& component : sum)
       for (int i = 0; i < kPacket; ++i) component[i] = std::isnan(lanes.height[i]) ? 0 : azimuth_step * component[i];
@@ -307,12 +378,13 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
   scale(out.sky);
 }
 
-void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out,
-                        const StopToken& stop) const {
+void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop,
+                        bool keep_view) const {
   MarchLanes lanes = relief_.march_lanes(row, column, stride);
   ArrivingLight arriving;
   // Rows of posts alternate between azimuths at 1/4 and at 3/4 of the step, halfway between each other.
-  gather(0, lanes, stride, {azimuths_, row / stride % 2 ? 0.75 : 0.25}, source_.bounces, arriving, stop);
+  gather({0, row, column, stride, false, {azimuths_, row / stride % 2 ? 0.75 : 0.25}}, lanes, source_.bounces,
+         keep_view, arriving, stop);
   const Eigen::Matrix3f moon_from_grids = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
     const auto in_moon_axes = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {

@@ -1,8 +1,9 @@
-// Sunlight that terrain reflects onto terrain: the light at a point from all ground in its view. With two bounces that
-// ground also reflects the light of the first.
+// Sunlight that terrain reflects onto terrain: the light at a point from all ground in its view. With more bounces that
+// ground also reflects the light of the bounces before.
 //
-// From each point, marches along azimuths (march.h) find the visible ground and its elevation. Integrals over elevation
-// are exact for ground of one radiance per step; azimuths are sampled, without random numbers.
+// From each point, marches along azimuths (march.h) find the visible ground and its elevation. That view depends on no
+// light, so it is kept for other Suns. Integrals over elevation are exact for ground of one radiance per step; azimuths
+// are sampled, without random numbers.
 #pragma once
 
 #include <array>
@@ -11,11 +12,13 @@
 #include <span>
 #include <vector>
 
+#include "dem/base/cache.h"
 #include "dem/base/once.h"
 #include "dem/base/stop_token.h"
 #include "engine/frame/sun.h"
 #include "engine/indirect/relief.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/support/content_key.h"
 
 namespace selenograph::engine {
 
@@ -46,7 +49,7 @@ struct SlopeLightSource {
   Brdf brdf;
   bool albedo_is_w = false;  // the albedo is Hapke's w
   GroundAlbedo albedo;       // empty: the Brdf's own albedo
-  int bounces = 1;           // 1 or 2
+  int bounces = 1;           // 1 to kMaxBounces
 };
 
 // Returns the share of a uniform disc above a chord that lies `x` radii above the disc's middle.
@@ -68,16 +71,25 @@ class SkyDisc {
   MarchSphere sphere_;
 };
 
+// Keeps views of a relief's ground, under keys that begin with the relief's. Without `views` none are kept.
+struct GroundViewStore {
+  using Views = dem::Cache<ContentKey, GroundView, ContentKeyHash>;
+  Views* views = nullptr;
+  ContentKey relief{};
+};
+
 // Light on a relief's ground, and from there at its posts. Thread-safe. Ground is lit on demand, because each cell
 // needs a march of its own.
 class SlopeLight {
  public:
-  // The relief must outlive this object.
-  SlopeLight(const Relief& relief, SlopeLightSource source);
+  // The relief and the store must outlive this object.
+  SlopeLight(const Relief& relief, SlopeLightSource source, const GroundViewStore& store = {});
 
   // Gathers the light at sixteen posts of the relief's finest grid, `stride` (1, 2 or 4) columns apart, within
-  // ReliefShape::half_m of its centre. Zero without data.
-  void gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop) const;
+  // ReliefShape::half_m of its centre. Zero without data. `keep_view`: store the posts' view of the ground; the result
+  // does not depend on it.
+  void gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop,
+              bool keep_view = false) const;
 
   // Returns the light that the ground itself reflects at a post of the finest grid, W m-2: pi times its radiance to the
   // zenith.
@@ -91,8 +103,9 @@ class SlopeLight {
   struct Ground {
     GroundLight light;
     int squares;  // squares per side
-    // Guards per square: `lit` for sunlight, `glows` for light from other ground.
-    std::unique_ptr<dem::Once[]> lit, glows;
+    // Guards per square: `lit` for sunlight, `glows` for light from other ground, see GroundLight::glow.
+    std::unique_ptr<dem::Once[]> lit;
+    std::array<std::unique_ptr<dem::Once[]>, kMaxBounces - 1> glows;
   };
   class Square;
   // Light at sixteen points by sector, for a Sun of 1 W m-2, and their view of the sky; the grids' axes.
@@ -103,21 +116,37 @@ class SlopeLight {
     int count;
     double first;  // the first azimuth, as a share of the step to the second
   };
-  // Gathers light over the grids from `grid` on. `bounces`: 2 counts the ground's glow, too.
-  void gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces,
-              ArrivingLight& out, const StopToken& stop) const;
+  // Sixteen points that gather light: posts of a grid or middles of its cells, from this row and column on, `stride`
+  // columns of the finest grid apart.
+  struct Gatherers {
+    std::size_t grid;
+    int row, column, stride;
+    bool of_cells;
+    Azimuths azimuths;
+  };
+  // Returns the points' view over the grids from theirs on, from the store or by marches. Overwrites the directions of
+  // `lanes` and `directions`.
+  std::shared_ptr<const GroundView> view_of(const Gatherers& gatherers, MarchLanes& lanes, AzimuthLanes& directions,
+                                            bool keep_view, const StopToken& stop) const;
+  GroundView march_view(const Gatherers& gatherers, MarchLanes& lanes, AzimuthLanes& directions) const;
+  // Sets the squares of a view, whose first grid is `first_grid`.
+  void set_squares(std::size_t first_grid, GroundView& view) const;
+  // Gathers light of up to this number of bounces.
+  void gather(const Gatherers& gatherers, MarchLanes& lanes, int bounces, bool keep_view, ArrivingLight& out,
+              const StopToken& stop) const;
   // Returns mu0 f_r of the ground. `albedo`: the map's factor or w; 1 without a map.
   double reflected(double mu0, double mu, double cos_phase, double albedo) const;
-  // Lights the squares that contain cells of a row, unless they are lit.
-  void light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
-                   const StopToken& stop) const;
+  // Lights a square of cells, unless it is lit: by the Sun, and by other ground for light of up to this number of
+  // bounces.
+  void light_square(std::size_t grid, std::size_t index, int bounces, const StopToken& stop) const;
   // Sets normals, albedo and visible share of the Sun's disc in a square of cells.
   void light_in_sun(const Square& square, const StopToken& stop) const;
-  // Sets the square's glow: the light of other ground that it reflects.
-  void light_by_ground(const Square& square, const StopToken& stop) const;
+  // Sets the square's glow: the light of other ground, of up to this number of bounces, that it reflects.
+  void light_by_ground(const Square& square, int bounces, const StopToken& stop) const;
 
   const Relief& relief_;
   SlopeLightSource source_;
+  GroundViewStore store_;
   SkyDisc disc_;  // the Sun's disc
   int azimuths_;  // number of azimuths per post
   // Returns the ground's radiance in diffuse light of 1 W m-2.

@@ -48,8 +48,8 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     std::vector<TileRows> tile_rows;
     tile_rows.reserve(rows.size());
     for (const auto& [tile, rows_of_tile] : rows) tile_rows.push_back({tile, rows_of_tile});
-    const auto light_tiles =
-        context.cache.light_tiles().get(field, plane, tile_rows, {context.terrain, request}, context.stop);
+    const auto light_tiles = context.cache.light_tiles().get(
+        field, plane, tile_rows, {context.terrain, request, tile_rows.size()}, context.stop);
     for (const PlaceInField& p : places_in_field) {
       const auto tile_index =
           std::lower_bound(tile_rows.begin(), tile_rows.end(), p.post.tile,

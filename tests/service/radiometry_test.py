@@ -161,17 +161,20 @@ class RadiometryTest(unittest.TestCase):
             self.assertGreater(still.mean(), 1e-4)
             np.testing.assert_allclose(strip[row], still[0], rtol=0.03, atol=5e-6)
 
-    def test_two_bounces_are_more_than_one_within_the_bound(self):
+    def test_further_bounces_add_light_within_the_bound(self):
         low = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 8.0}}
-        one, two = (self.frame(products=["irradiance"], sun=low, surface={"reflectance": {"model": "lambert", "rho": 0.5}},
-                               indirect={"terrain": True, "bounces": n}) for n in (1, 2))
-        more = (two["irradiance"] - one["irradiance"])[..., 1].astype(float)
-        bounds = [f["meta"]["indirect"] for f in (one, two)]
-        self.assertGreater(np.nanmean(more), 0.001 * np.nanmean(one["irradiance"][..., 1]))
-        self.assertLess(np.nanmax(more), bounds[0]["further_bounces_at_most"] * np.nanmax(one["irradiance"][..., 1]))
-        self.assertTrue((two["irradiance"][..., ::2] == one["irradiance"][..., ::2]).all())
-        self.assertAlmostEqual(bounds[1]["further_bounces_at_most"],
-                               bounds[0]["further_bounces_at_most"] * bounds[0]["albedo"] * bounds[0]["ground_view"])
+        frames = [self.frame(products=["irradiance"], sun=low, surface={"reflectance": {"model": "lambert", "rho": 0.5}},
+                             indirect={"terrain": True, "bounces": n}) for n in (1, 2, 3)]
+        least = 0.001 * np.nanmean(frames[0]["irradiance"][..., 1])
+        for fewer, more in zip(frames, frames[1:]):
+            added = (more["irradiance"] - fewer["irradiance"])[..., 1].astype(float)
+            bounds = [f["meta"]["indirect"] for f in (fewer, more)]
+            self.assertGreater(np.nanmean(added), least)
+            least *= 0.001
+            self.assertLess(np.nanmax(added), bounds[0]["further_bounces_at_most"] * np.nanmax(fewer["irradiance"][..., 1]))
+            self.assertTrue((more["irradiance"][..., ::2] == fewer["irradiance"][..., ::2]).all())
+            self.assertAlmostEqual(bounds[1]["further_bounces_at_most"],
+                                   bounds[0]["further_bounces_at_most"] * bounds[0]["albedo"] * bounds[0]["ground_view"])
 
     # Eq. (3): everything warm emits, in the Sun or not; with sub-pixel samples and the Sun's disc, too.
     def test_a_warm_surface_emits_in_the_shadow_as_well(self):

@@ -91,8 +91,8 @@ void for_places(const Bowl& bowl, const Relief& relief, const SlopeLight& light,
   });
 }
 
-// F0 sin e0 A f (1 - f) by one bounce, by two 1 + A f times that. A bowl of 200 m: the Moon is flat there. Its rim is
-// sharp; cells of 1/96 to 1/48 of the distance cut it.
+// F0 sin e0 A f (1 - f) by one bounce, by n 1 + A f + ... + (A f)^(n - 1) times that. A bowl of 200 m: the Moon is flat
+// there. Its rim is sharp; cells of 1/96 to 1/48 of the distance cut it.
 void expect_the_same_everywhere(const Bowl& bowl, const Relief& relief, double elevation_deg, int bounces) {
   // With more light, to see the second bounce.
   const double albedo = bounces == 1 ? kAlbedo : 0.8, f = bowl.share();
@@ -100,7 +100,7 @@ void expect_the_same_everywhere(const Bowl& bowl, const Relief& relief, double e
   sun.direction = sun_direction(bowl.axes, 70, elevation_deg);
   const SlopeLight light(relief, lambert_in(sun, albedo, bounces));
   const double truth = kFlux_w_m2 * std::sin(elevation_deg * kRadiansPerDegree) * albedo * f * (1 - f) *
-                       (bounces == 1 ? 1 : 1 + albedo * f);
+                       (1 - std::pow(albedo * f, bounces)) / (1 - albedo * f);
   const bool low = elevation_deg < 15;
   double sum = 0;
   int count = 0;
@@ -119,7 +119,7 @@ TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
     if (ratio == 8 && !test::full_effort()) continue;
     const Bowl bowl{200, 200 / ratio};
     const Relief relief = bowl.relief(2000);
-    for (const auto& [elevation_deg, bounces] : {std::pair(10.0, 1), {20.0, 1}, {40.0, 1}, {30.0, 2}}) {
+    for (const auto& [elevation_deg, bounces] : {std::pair(10.0, 1), {20.0, 1}, {40.0, 1}, {30.0, 2}, {30.0, 3}}) {
       // Low and high Suns for the shallow one, where they graze; the rest for the deep one, which has more light to
       // pass on.
       const bool of_shallow = elevation_deg == 10 || elevation_deg == 40;
@@ -167,6 +167,36 @@ TEST(IndirectLight, AMapOfOneAlbedoIsAsTheModels) {
     EXPECT_GT(given_back, 0);
     EXPECT_NEAR(by_map.radiosity(relief.middle(), relief.middle(), {}), given_back, within * given_back);
   }
+}
+
+// The second Sun finds the views of the first, and gets the light of a relief that keeps none, to the bit.
+TEST(IndirectLight, KeptViewsOfTheGroundServeOtherSuns) {
+  const Bowl bowl{200, 40};
+  const Relief relief = bowl.relief(2000);
+  GroundViewStore::Views views(std::size_t{64} << 20);
+  for (const double azimuth_deg : {70.0, 200.0})
+    for (const int bounces : {1, 3}) {
+      Sun sun;
+      sun.direction = sun_direction(bowl.axes, azimuth_deg, 25);
+      const SlopeLight keeping(relief, lambert_in(sun, 0.8, bounces), {&views, {1, 2}}),
+          other(relief, lambert_in(sun, 0.8, bounces));
+      std::array<SectorLight, kPacket> found, expected;
+      for (const int stride : {1, 2, 4}) {
+        keeping.gather(relief.middle() + 20, relief.middle() - 40, stride, found, {}, true);
+        other.gather(relief.middle() + 20, relief.middle() - 40, stride, expected, {});
+        for (std::size_t i = 0; i < kPacket; ++i) {
+          EXPECT_EQ(found[i].sky, expected[i].sky);
+          float light = 0;
+          for (std::size_t k = 0; k < kSectors; ++k) {
+            EXPECT_EQ(found[i].from[k], expected[i].from[k]);
+            light += found[i].from[k].norm();
+          }
+          EXPECT_GT(light, 0);
+        }
+      }
+      EXPECT_EQ(views.misses(), 3U);
+    }
+  EXPECT_EQ(views.hits(), 9U);
 }
 
 // What enters by the aperture leaves the ground A times, of which the ground receives the share f.

@@ -76,8 +76,8 @@ const Members<IndirectLight>& indirect_members() {
         m.add("terrain", &IndirectLight::terrain, Flag{},
               "sunlight reflected onto a point by the terrain visible from it, with the frame's reflectance, albedo "
               "maps and shadows; fades out in pixels of 0.5 to 1 km");
-        m.add("bounces", &IndirectLight::bounces, Integer{1, 2},
-              "number of reflections by terrain; 2 adds light reflected by ground that other ground lights");
+        m.add("bounces", &IndirectLight::bounces, Integer{1, 3},
+              "number of reflections by terrain; 2 and 3 add light reflected by ground that other ground lights");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
               "spacing in the image of the posts at which light is gathered and interpolated; at least the terrain's "
               "post spacing or, for values below 1, half of it");
