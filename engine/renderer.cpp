@@ -11,6 +11,8 @@
 
 #include "dem/base/parallel.h"
 #include "dem/detail/detailed_terrain.h"
+#include "dem/map_error/map_detail.h"
+#include "dem/map_error/map_error_terrain.h"
 #include "engine/cache/preparation.h"
 #include "engine/cache/render_cache.h"
 #include "engine/cache/render_context.h"
@@ -73,19 +75,46 @@ struct Renderer::Impl {
     return details.front();
   }
 
-  // Runs work(context) in the arena, on terrain with that detail. Preparation is paused, or goes on for `frame`.
-  template <typename Work>
-  auto in_context(const FrameRequest* frame, const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
-                  const Work& work) {
-    const Preparation::Work busy(preparation, frame);
-    const auto detailed = terrain_with(detail);
-    return in_arena(arena, [&] { return work(RenderContext{*detailed, cache, stop}); });
+  // Returns the map of the terrain with a detail. Maps with equal errors share one MapErrorTerrain, and its blocks.
+  std::shared_ptr<const dem::Terrain> map_with(const std::shared_ptr<const dem::Detail>& detail,
+                                               const dem::MapError& error) {
+    const auto is_same = [&](const WrongMap& map) { return map.detail == detail && map.terrain->error() == error; };
+    {
+      const std::lock_guard lock(details_mutex);
+      const auto found = std::find_if(maps.begin(), maps.end(), is_same);
+      if (found != maps.end()) {
+        std::rotate(maps.begin(), found, found + 1);
+        return maps.front().terrain;
+      }
+    }
+    WrongMap made{detail,
+                  std::make_shared<const dem::MapErrorTerrain>(terrain_with(dem::detail_of_map(detail, error)), error)};
+    const std::lock_guard lock(details_mutex);
+    maps.insert(maps.begin(), std::move(made));
+    if (maps.size() > kMaxDetails) maps.pop_back();
+    return maps.front().terrain;
   }
+
+  // Runs work(context) in the arena, on terrain with that detail, or a map of it. Preparation is paused, or goes on for
+  // `frame`.
+  template <typename Work>
+  auto in_context(const FrameRequest* frame, const std::shared_ptr<const dem::Detail>& detail,
+                  const std::optional<dem::MapError>& map_error, const StopToken& stop, const Work& work) {
+    const Preparation::Work busy(preparation, frame);
+    const auto ground = map_error ? map_with(detail, *map_error) : terrain_with(detail);
+    return in_arena(arena, [&] { return work(RenderContext{*ground, cache, stop}); });
+  }
+
+  struct WrongMap {
+    std::shared_ptr<const dem::Detail> detail;
+    std::shared_ptr<const dem::MapErrorTerrain> terrain;
+  };
 
   std::shared_ptr<dem::PyramidTerrain> terrain;
   static constexpr std::size_t kMaxDetails = 16;
   std::mutex details_mutex;
   std::vector<std::shared_ptr<const dem::DetailedTerrain>> details;  // most recently used first
+  std::vector<WrongMap> maps;                                        // most recently used first
   int threads;
   tbb::task_arena arena, preparation_arena;
   RenderCache cache;
@@ -97,24 +126,24 @@ Renderer::Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererO
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
-  return impl_->in_context(&request, request.detail, stop,
+  return impl_->in_context(&request, request.detail, {}, stop,
                            [&](const RenderContext& context) { return render_frame(request, context); });
 }
 
-void Renderer::run(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
-                   const std::function<void(const RenderContext& context)>& work) const {
-  impl_->in_context(nullptr, detail, stop, work);
+void Renderer::run(const std::shared_ptr<const dem::Detail>& detail, const std::optional<dem::MapError>& map_error,
+                   const StopToken& stop, const std::function<void(const RenderContext& context)>& work) const {
+  impl_->in_context(nullptr, detail, map_error, stop, work);
 }
 
 BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
                               const StopToken& stop) const {
-  return impl_->in_context(&request, request.detail, stop, [&](const RenderContext& context) {
+  return impl_->in_context(&request, request.detail, {}, stop, [&](const RenderContext& context) {
     return choose_accuracy(request, budget_ms, max_samples, context);
   });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
-  return impl_->in_context(&request, request.detail, stop,
+  return impl_->in_context(&request, request.detail, {}, stop,
                            [&](const RenderContext& context) { return engine::shadow_limits_px(request, context); });
 }
 
@@ -131,8 +160,9 @@ PreparationStatistics Renderer::preparation_statistics() const { return impl_->c
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::PyramidTerrain& Renderer::terrain() const { return *impl_->terrain; }
-std::shared_ptr<const dem::Terrain> Renderer::terrain_with(const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->terrain_with(detail);
+std::shared_ptr<const dem::Terrain> Renderer::terrain_with(const std::shared_ptr<const dem::Detail>& detail,
+                                                           const std::optional<dem::MapError>& map_error) const {
+  return map_error ? impl_->map_with(detail, *map_error) : impl_->terrain_with(detail);
 }
 std::size_t Renderer::scene_bytes() const { return impl_->cache.capacity(); }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->cache.bytes(); }

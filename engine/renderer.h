@@ -12,6 +12,7 @@
 
 #include "dem/base/stop_token.h"
 #include "dem/detail/detail.h"
+#include "dem/map_error/map_error.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/cache/budget.h"
 #include "engine/cache/preparation.h"
@@ -49,8 +50,14 @@ class Renderer {
   // while no preparation runs. Throws what the work throws.
   template <typename Work>
   auto query(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop, const Work& work) const {
+    return query(detail, std::nullopt, stop, work);
+  }
+  // The same on a map of the terrain with errors; without an error, on the terrain.
+  template <typename Work>
+  auto query(const std::shared_ptr<const dem::Detail>& detail, const std::optional<dem::MapError>& map_error,
+             const StopToken& stop, const Work& work) const {
     std::optional<std::invoke_result_t<const Work&, const RenderContext&>> result;
-    run(detail, stop, [&](const RenderContext& context) { result.emplace(work(context)); });
+    run(detail, map_error, stop, [&](const RenderContext& context) { result.emplace(work(context)); });
     return *std::move(result);
   }
 
@@ -73,8 +80,9 @@ class Renderer {
   std::vector<double> shadow_limits_px(const FrameRequest& request, const StopToken& stop = {}) const;
 
   const dem::PyramidTerrain& terrain() const;
-  // Returns the terrain with a detail; for null, terrain() itself.
-  std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) const;
+  // Returns the terrain with a detail, or a map of it with errors; for null and no error, terrain() itself.
+  std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail,
+                                                   const std::optional<dem::MapError>& map_error = {}) const;
   int threads() const;              // number of threads that work on a frame
   std::size_t scene_bytes() const;  // RendererOptions::scene_bytes
   std::size_t scene_bytes_in_use() const;
@@ -83,8 +91,8 @@ class Renderer {
 
  private:
   struct Impl;
-  void run(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
-           const std::function<void(const RenderContext& context)>& work) const;
+  void run(const std::shared_ptr<const dem::Detail>& detail, const std::optional<dem::MapError>& map_error,
+           const StopToken& stop, const std::function<void(const RenderContext& context)>& work) const;
 
   std::unique_ptr<Impl> impl_;
 };

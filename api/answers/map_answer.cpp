@@ -131,6 +131,7 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                      {"version", software_version()},
                      {"representation", media_type}};
   if (const auto& detail = query.request.scenery.detail) hashed["detail"] = detail_metadata(query.detail, *detail);
+  if (query.map_error) hashed["map_error"] = map_error_metadata(*query.map_error);
   if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
   return content_hash(json_text(hashed));
 }
@@ -144,6 +145,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   const double covered_share = sun_covered(query);
   warn_of_eclipse(covered_share, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
+  if (query.map_error) warn_of_map_error(*query.map_error, query.scenery().detail != nullptr, warnings);
   if (query.request.rocks) warn_of_no_rocks(*query.scenery().detail, warnings);
   return metadata_answer().write({.request = query.scenery(),
                                   .products = query.request.products,

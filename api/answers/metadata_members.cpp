@@ -251,6 +251,12 @@ void add_content(Answer<MetadataSource>& a) {
                   "sources of its laws"),
       [](const MetadataSource& s) { return detail_metadata(s.scenery.detail, *s.request.detail); }, with_detail);
   a.add(
+      "map_error",
+      free_object("for a map with `map_error`: its members with those of its preset, and `sources`, where the preset's "
+                  "figures were published"),
+      [](const MetadataSource& s) { return map_error_metadata(*s.map->map_error); },
+      [](const MetadataSource& s) { return s.map && s.map->map_error; });
+  a.add(
       "rocks",
       object("of a detail that has rocks",
              {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},

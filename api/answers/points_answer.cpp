@@ -10,6 +10,7 @@
 
 #include "api/encode/columns.h"
 #include "api/json/ranges.h"
+#include "api/message/json_text.h"
 #include "api/requests/features_json.h"
 
 namespace selenograph::api {
@@ -85,11 +86,16 @@ const Answer<HitSource>& hit_answer() {
   return answer;
 }
 
+OrderedJson with_map_error(OrderedJson answer, const std::optional<MapErrorQuery>& map_error) {
+  if (map_error) answer["map_error"] = map_error_metadata(*map_error);
+  return answer;
+}
+
 OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light,
                       const RaysQuery& query) {
   OrderedJson list = OrderedJson::array();
   for (std::size_t i = 0; i < hits.size(); ++i) list.push_back(hit_answer().write({hits[i], light[i], query}));
-  return {{"rays", std::move(list)}};
+  return with_map_error({{"rays", std::move(list)}}, query.map_error);
 }
 
 namespace {
@@ -127,7 +133,7 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
     arrays.add("object", hits, [](const RayHit& h) { return h.object.value_or(std::uint16_t{65535}); });
   if (query.sun_given) arrays.add("lit", hits, [](const RayHit& h) { return h.hit ? h.lit : kMissing; });
   if (query.request.indirect.any()) add_irradiances(arrays, light);
-  return arrays.npz("{}");
+  return arrays.npz(json_text(with_map_error(OrderedJson::object(), query.map_error)));
 }
 
 const Answer<LandmarkSource>& landmark_answer() {

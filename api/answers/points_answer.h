@@ -15,6 +15,9 @@ namespace selenograph::api {
 // Irradiance of a point; empty without indirect light and where the point is not on terrain.
 using LightOfPoint = std::optional<engine::Irradiance>;
 
+// Adds what is known of the map's errors to an answer from a map with errors.
+OrderedJson with_map_error(OrderedJson answer, const std::optional<MapErrorQuery>& map_error);
+
 // Input of the answer for one ray.
 struct HitSource {
   const engine::RayHit& hit;

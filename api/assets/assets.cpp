@@ -130,6 +130,10 @@ std::shared_ptr<const Json> Assets::lidar(std::string_view name, const StopToken
   return find_small<Json>("lidar", find_file("lidars", ".json", name), stop, read_object_file);
 }
 
+std::shared_ptr<const Json> Assets::map_error(std::string_view name, const StopToken& stop) const {
+  return find_small<Json>("map_error", find_file("map_errors", ".json", name), stop, read_object_file);
+}
+
 std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name,
                                                                        const StopToken& stop) const {
   using Rows = std::vector<std::vector<double>>;

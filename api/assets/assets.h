@@ -45,6 +45,9 @@ class Assets {
   // Returns lidars/NAME.json, an object whose members the request's reader checks.
   std::shared_ptr<const Json> lidar(std::string_view name, const StopToken& stop = {}) const;
 
+  // Returns map_errors/NAME.json, an object whose members the request's reader checks.
+  std::shared_ptr<const Json> map_error(std::string_view name, const StopToken& stop = {}) const;
+
   // Returns objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
   // Returns the memory of cached files: meshes with their ray-tracing structures, star catalogues and all others.
@@ -66,7 +69,7 @@ class Assets {
   std::shared_ptr<const engine::StarCatalogue> stars(std::string_view name, const StopToken& stop = {}) const;
 
   // Returns the sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels",
-  // "lidars", "maps", "objects", "stars").
+  // "lidars", "map_errors", "maps", "objects", "stars").
   std::vector<std::string> names(std::string_view kind) const;
 
   // Returns a hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.

@@ -19,7 +19,7 @@ engine::Map render_map(const MapQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusableOfMap, "/map", [&] {
       return context.renderer.query(
-          query.request.scenery.detail, context.stop,
+          query.request.scenery.detail, MapErrorQuery::of(query.map_error), context.stop,
           [&](const engine::RenderContext& rendering) { return engine::render_map(query.request, rendering); });
     });
   } catch (const TooMuchWork& e) {

@@ -27,16 +27,17 @@ std::size_t bytes_of_rocks(const PointScenery& scenery) {
 
 // Returns an irradiance for each place; empty for an empty place, and for all without indirect light.
 std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& context, const PointScenery& scenery,
+                                                        const std::optional<dem::MapError>& map_error,
                                                         std::span<const std::optional<engine::LitPlace>> places) {
   std::vector<std::optional<engine::Irradiance>> irradiances(places.size());
   if (!scenery.request.indirect.any()) return irradiances;
   std::vector<engine::LitPlace> present;
   for (const auto& place : places)
     if (place) present.push_back(*place);
-  const auto light =
-      context.renderer.query(scenery.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
-        return engine::light_at_places(present, scenery.request, rendering);
-      });
+  const auto light = context.renderer.query(scenery.request.detail, map_error, context.stop,
+                                            [&](const engine::RenderContext& rendering) {
+                                              return engine::light_at_places(present, scenery.request, rendering);
+                                            });
   auto next_light = light.begin();  // `light` has an element for each place that is not empty, in the same order
   for (std::size_t i = 0; i < places.size(); ++i)
     if (places[i]) irradiances[i] = *next_light++;
@@ -52,8 +53,9 @@ std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& 
 
 // Returns the answer that npz(light) or json(light) makes from the light at the places, with a warning of an eclipse.
 Response lit_answer(const EndpointContext& context, std::string_view media_type, const auto& query,
+                    const std::optional<dem::MapError>& map_error,
                     std::span<const std::optional<engine::LitPlace>> places, const auto& npz, const auto& json) {
-  const auto light = light_of(context, query, places);
+  const auto light = light_of(context, query, map_error, places);
   context.stop.check();
   Response response =
       negotiated(context, media_type, media_type == "application/json" ? json_line(json(light)) : npz(light));
@@ -71,10 +73,12 @@ Response answer_rays(const EndpointContext& context) {
   const RaysQuery query =
       read_rays(body.json, context.limits, context.assets, context.stop, body.arrays, ground_heights(context));
   claim_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
+  const auto map_error = MapErrorQuery::of(query.map_error);
   const auto hits = with_refusals_at({}, "/rays", [&] {
-    return context.renderer.query(query.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
-      return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(), rendering);
-    });
+    return context.renderer.query(
+        query.request.detail, map_error, context.stop, [&](const engine::RenderContext& rendering) {
+          return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(), rendering);
+        });
   });
   // Light from terrain is computed for terrain only, not for objects and rocks.
   std::vector<std::optional<engine::LitPlace>> places;
@@ -84,7 +88,8 @@ Response answer_rays(const EndpointContext& context) {
                          ? std::optional(engine::LitPlace{hit.position_m, hit.normal, hit.incident})
                          : std::nullopt);
   return lit_answer(
-      context, media_type, query, places, [&](const auto& light) { return rays_npz(hits, light, query, context.stop); },
+      context, media_type, query, map_error, places,
+      [&](const auto& light) { return rays_npz(hits, light, query, context.stop); },
       [&](const auto& light) { return rays_json(hits, light, query); });
 }
 
@@ -107,7 +112,7 @@ Response answer_project(const EndpointContext& context) {
   for (const engine::Landmark& landmark : landmarks) places.push_back(landmark.place);
   const dem::Catalogue& catalogue = context.renderer.terrain().catalogue();
   return lit_answer(
-      context, media_type, query, places,
+      context, media_type, query, std::nullopt, places,
       [&](const auto& light) { return landmarks_npz(landmarks, light, query, catalogue, context.stop); },
       [&](const auto& light) { return landmarks_json(landmarks, light, query, catalogue); });
 }
@@ -115,14 +120,15 @@ Response answer_project(const EndpointContext& context) {
 Response answer_heights(const EndpointContext& context) {
   const HeightsQuery query = read_heights(json_body(context), context.limits, context.assets, context.stop);
   claim_memory(context, query.points.size(), "/points");
-  const std::shared_ptr<const dem::Terrain> terrain = context.renderer.terrain_with(query.detail.content);
+  const std::shared_ptr<const dem::Terrain> terrain =
+      context.renderer.terrain_with(query.detail.content, MapErrorQuery::of(query.map_error));
   OrderedJson list = OrderedJson::array();
   for (const Geographic& place : query.points) {
     list.push_back(
         height_answer().write({terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()}));
     context.stop.check();
   }
-  return json_response(OrderedJson{{"points", std::move(list)}});
+  return json_response(with_map_error({{"points", std::move(list)}}, query.map_error));
 }
 
 Response answer_height(const EndpointContext& context) {
@@ -141,6 +147,15 @@ OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t max_c
   return schema::object("In the order of the request.", {{name, schema::list(item, max_count, description)}}, {name});
 }
 
+// Returns the schema of such a list, and of the errors of the map that it is from.
+OrderedJson list_from_map(const char* name, const OrderedJson& item, std::size_t max_count, const char* description) {
+  return schema::object(
+      "In the order of the request.",
+      {{name, schema::list(item, max_count, description)},
+       {"map_error", schema::free_object("for a request with `map_error`: as in the metadata of maps")}},
+      {name});
+}
+
 }  // namespace
 
 void describe_rays(Operation& o) {
@@ -149,7 +164,7 @@ void describe_rays(Operation& o) {
       "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) instead of `rays`; one row of "
       "either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
   o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary", "Selenograph-Warnings"});
-  o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.max_points(), "hits"));
+  o.schema("RaysAnswer", list_from_map("rays", hit_answer().schema(), o.max_points(), "hits"));
 }
 
 void describe_project(Operation& o) {
@@ -163,7 +178,7 @@ void describe_project(Operation& o) {
 
 void describe_heights(Operation& o) {
   o.body("/v1/heights", heights_members());
-  o.answer(kInOrder, "HeightsAnswer", list_of("points", schema::ref("Height"), o.max_points(), "places"));
+  o.answer(kInOrder, "HeightsAnswer", list_from_map("points", schema::ref("Height"), o.max_points(), "places"));
 }
 
 void describe_height(Operation& o) {

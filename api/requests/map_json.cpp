@@ -351,6 +351,7 @@ const Members<MapQuery>& map_members() {
         // Add rows in the order of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         add_scenery(m);
+        add_map_error(m);
         m.add("band", nested(&MapQuery::request, nested(&MapRequest::scenery, &FrameRequest::band)),
               Object{band_members()}, "spectral channel of the radiance; left out: all wavelengths");
         m.add(

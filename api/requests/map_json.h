@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "api/requests/frame_json.h"
+#include "api/requests/parts/map_error_json.h"
 #include "engine/frame/map.h"
 
 namespace selenograph::api {
@@ -33,6 +34,7 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
 struct MapQuery : SceneryQuery {
   engine::MapRequest request;
   MapArea area;
+  std::optional<MapErrorQuery> map_error;
 
   engine::FrameRequest& scenery() { return request.scenery; }
   const engine::FrameRequest& scenery() const { return request.scenery; }

@@ -73,6 +73,7 @@ const Members<RaysQuery>& rays_members() {
       make_table<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
         m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, max_rays}, "the rays").required();
         add_point_scenery(m, "as in a frame: rays hit them, and they cast shadows");
+        add_map_error(m);
         m.check([](const JsonReader&, RaysQuery& query, const ReadContext& context) {
           query.sun_utc = context.sun_utc;
           resolve_preset(query.request, query.surface);
@@ -105,6 +106,7 @@ const Members<HeightsQuery>& heights_members() {
   static const auto table = make_table<Members<HeightsQuery>>("HeightsRequest", "Points on the terrain.", [](auto& m) {
     m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, max_rays}, "the places").required();
     m.add("detail", &HeightsQuery::detail, DetailName{}, kDetailMeaning);
+    add_map_error(m);
   });
   return *table;
 }

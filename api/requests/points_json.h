@@ -8,6 +8,7 @@
 #include "api/encode/read_npz.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/map_error_json.h"
 #include "api/requests/parts/objects_json.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/requests/parts/scenery_json.h"
@@ -33,6 +34,7 @@ struct PointScenery : SceneryQuery {
 struct RaysQuery : PointScenery {
   std::vector<engine::Ray> rays;
   std::vector<std::size_t> shape{};
+  std::optional<MapErrorQuery> map_error{};
 };
 // `points`: the landmarks to project into the camera's image.
 struct ProjectQuery : PointScenery {
@@ -46,6 +48,7 @@ struct ProjectQuery : PointScenery {
 struct HeightsQuery {
   std::vector<Geographic> points;
   Named<dem::Detail> detail{};  // null: none
+  std::optional<MapErrorQuery> map_error{};
 };
 
 const Members<RaysQuery>& rays_members();

@@ -32,15 +32,6 @@
 namespace selenograph::dem {
 namespace {
 
-// Returns the cache key of an object of this terrain. It uses levels above kMaxLevel: keys of the plain terrain's
-// blocks in the same cache cannot collide with it.
-BlockId key_of(int number, GroundCache::Kind kind, const BlockId& id) {
-  constexpr int kLevelStride = 32;
-  static_assert(kMaxLevel < kLevelStride);
-  constexpr int kKinds = 4;
-  return {kLevelStride * (kKinds * number + static_cast<int>(kind)) + id.level, id.row, id.col};
-}
-
 // Version of the heights in the cache folder, which outlive an update of the software. Increment it with every change
 // that alters a stored bit (GroundOnDisk.IsOfThisVersion in unit.block_store).
 constexpr std::uint64_t kGroundVersion = 8;
@@ -51,6 +42,13 @@ std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& pres
 }
 
 }  // namespace
+
+BlockId GroundCache::key_of(int number, Kind kind, const BlockId& id) {
+  constexpr int kLevelStride = 32;
+  static_assert(kMaxLevel < kLevelStride);
+  constexpr int kKinds = 4;
+  return {kLevelStride * (kKinds * number + static_cast<int>(kind)) + id.level, id.row, id.col};
+}
 
 GroundCache::GroundCache(const PyramidTerrain& plain, const DetailPreset& preset)
     : plain_(plain),

@@ -24,6 +24,10 @@ class GroundCache {
   // `plain` must outlive this object.
   GroundCache(const PyramidTerrain& plain, const DetailPreset& preset);
 
+  // Returns the key of an object of a terrain (Terrain::detail_number) in the pyramid's cache. It uses levels above
+  // kMaxLevel: keys of the plain terrain's blocks in the same cache cannot collide with it.
+  static BlockId key_of(int number, Kind kind, const BlockId& id);
+
   // Number of this terrain among those that share the pyramid's cache.
   int number() const { return number_; }
 

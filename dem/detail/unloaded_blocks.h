@@ -12,6 +12,15 @@
 
 namespace selenograph::dem {
 
+// Terrain made from another terrain: it knows itself what the functions below tell.
+class TerrainOverlay : public Terrain {
+ public:
+  virtual bool has_detail(const BlockId& id) const = 0;
+  virtual bool node_is_cheap(const BlockId& id) const = 0;
+  virtual std::optional<NodeInfo> outline(const BlockId& id, const StopToken& stop) const = 0;
+  virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop) const = 0;
+};
+
 // Returns whether a block has detail: it is finer than the distance that its posts resolve, and is made when needed.
 bool has_detail(const Terrain& terrain, const BlockId& id);
 

@@ -39,32 +39,49 @@ Value on_triangle(const QuadPosition& p, Value sum, const At& at) {
 
 }  // namespace
 
+InterpolatedVertex interpolate(const Block& block, double lat_tick, double lon_tick) {
+  const BlockExtent& e = block.extent;
+  // Quad of the block, and the position in it.
+  const double y = (lat_tick - static_cast<double>(e.lat0)) / static_cast<double>(e.lat_step),
+               x = (lon_tick - static_cast<double>(e.lon0)) / static_cast<double>(e.lon_step);
+  const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
+  const double fy = y - r, fx = x - c;
+  const auto corner = [&](int j, int i) -> const Vertex& { return block.vertices[block.index(r + j, c + i)]; };
+  const auto height = [&](int j, int i) { return static_cast<double>(corner(j, i).height_m); };
+  const auto normal = [&](int j, int i) -> Vec3 { return corner(j, i).normal.cast<double>(); };
+  const QuadPosition position{fx, fy};
+  const int nearest_r = r + (fy > 0.5), nearest_c = c + (fx > 0.5);
+  InterpolatedVertex vertex{on_triangle(position, 0.0, height), on_triangle(position, Vec3(Vec3::Zero()), normal),
+                            block.source(nearest_r, nearest_c), block.shown(nearest_r, nearest_c)};
+  if (!block.brightness.empty()) {
+    const auto brightness = [&](int j, int i) {
+      return static_cast<double>(block.brightness[block.index(r + j, c + i)]);
+    };
+    vertex.brightness = static_cast<std::uint16_t>(std::lround(on_triangle(position, 0.0, brightness)));
+  }
+  return vertex;
+}
+
 // Samples the coarse block's triangles at the finer block's vertices.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) {
   auto block = empty_block(id, extent_of(id));
-  const BlockExtent &e = block->extent, &ce = coarse.extent;
-  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
-  block->sources.reserve(block->index(e.quads, e.quads) + 1);
+  const BlockExtent& e = block->extent;
+  const std::size_t count = block->index(e.quads, e.quads) + 1;
+  block->vertices.reserve(count);
+  block->sources.reserve(count);
+  if (!coarse.ground.empty()) block->ground.reserve(count);
+  if (!coarse.brightness.empty()) block->brightness.reserve(count);
   float low = kHighestRelief_m, high = kLowestRelief_m;
   bool has_data = false;
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
-      const Tick dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
-      // Quad of the coarse block, and the position in it.
-      const int quad_r = std::min(steps_in(dy, ce.lat_step), ce.quads - 1),
-                quad_c = std::min(steps_in(dx, ce.lon_step), ce.quads - 1);
-      const double fy = static_cast<double>(dy) / static_cast<double>(ce.lat_step) - quad_r,
-                   fx = static_cast<double>(dx) / static_cast<double>(ce.lon_step) - quad_c;
-      const auto corner = [&](int j, int i) -> const Vertex& {
-        return coarse.vertices[coarse.index(quad_r + j, quad_c + i)];
-      };
-      const auto height = [&](int j, int i) { return static_cast<double>(corner(j, i).height_m); };
-      const auto normal = [&](int j, int i) -> Vec3 { return corner(j, i).normal.cast<double>(); };
-      const QuadPosition position{fx, fy};
-      const double h = on_triangle(position, 0.0, height);
-      const Vec3 n = on_triangle(position, Vec3(Vec3::Zero()), normal);
-      block->vertices.push_back({static_cast<float>(h), n.normalized().cast<float>()});
-      block->sources.push_back(coarse.source(quad_r + (fy > 0.5), quad_c + (fx > 0.5)));  // nearest corner
+      const InterpolatedVertex vertex = interpolate(coarse, static_cast<double>(e.lat0 + r * e.lat_step),
+                                                    static_cast<double>(e.lon0 + c * e.lon_step));
+      const double h = vertex.height_m;
+      block->vertices.push_back({static_cast<float>(h), vertex.normal.normalized().cast<float>()});
+      block->sources.push_back(vertex.source);
+      if (!coarse.ground.empty()) block->ground.push_back(vertex.ground);
+      if (!coarse.brightness.empty()) block->brightness.push_back(vertex.brightness);
       if (std::isnan(h)) continue;
       has_data = true;
       low = std::min(low, static_cast<float>(h));

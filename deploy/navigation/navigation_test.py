@@ -21,8 +21,8 @@ sys.path[:0] = [NAVIGATION, os.path.join(harness.REPOSITORY, "api", "clients", "
 try:
     import numpy as np
     import scipy  # noqa: F401
-    from lander import (campaign, consistency, descent, filter, flight, inertial, map, matcher, rehearsal, report,
-                        scenarios)
+    from lander import (campaign, consistency, descent, filter, flight, inertial, map, map_errors, matcher, rehearsal,
+                        report, scenarios)
     from lander.camera import Camera
     MISSING = None
 except ImportError as error:
@@ -212,6 +212,37 @@ class RehearsalTest(unittest.TestCase):
         np.testing.assert_allclose(np.sqrt(np.mean(found.sigmas_m**2, axis=0)), sigmas, rtol=0.25)
         self.assertTrue(2500 < found.length_m < 10000, found.length_m)
         self.assertTrue(np.all(found.excess < 2) and found.excess.mean() < 1.4, found.excess)
+
+    def test_maps_of_two_seeds_have_nothing_in_common(self):
+        """Two maps, each with one error everywhere, of opposite signs: all of it is bias, whatever their mean."""
+        random = np.random.default_rng(11)
+        track, noise = np.arange(0, 60e3, 600.0), np.full(3, 5.0)
+        count = len(track)
+        maps = [np.column_stack([track, descent.MOON_RADIUS_M + 15000 - track / 5,
+                                 sign * np.array([30.0, 20.0, 10.0]) + random.normal(0, noise, (count, 3)),
+                                 np.tile(noise**2, (count, 1)), random.normal(0, 1, (count, 3)), np.arange(count)])
+                for sign in (1, -1)]
+        rows, draws = np.concatenate(maps), np.repeat([0, 1], count)
+        found = rehearsal.map_error(rows, draws)
+        np.testing.assert_allclose(np.sqrt(np.mean(found.sigmas_m**2, axis=0)), [30, 20, 10], rtol=0.15)
+        self.assertLess(np.sqrt(np.mean(rehearsal.map_error(rows).sigmas_m[:, 0] ** 2)), 15)
+
+    def test_a_shift_adds_to_the_bias(self):
+        known = map_errors.with_shift(some_map_error(3000.0), 40.0)
+        np.testing.assert_allclose(known.sigmas_m[0], [50.0, np.hypot(15, 40), 10.0])
+        self.assertTrue(50e3 < known.length_m < map_errors.SHIFT_LENGTH_M, known.length_m)
+        self.assertEqual(map_errors.with_shift(some_map_error(), 0.0).length_m, some_map_error().length_m)
+
+    def test_each_seed_has_a_map_of_its_own(self):
+        case, scenario = map_errors.CASES[-1], scenarios.short()
+        first, second = (case.draw(scenario, seed) for seed in (1, 2))
+        self.assertEqual(first, case.draw(scenario, 1))
+        self.assertNotEqual(first["shift"], second["shift"])
+        self.assertEqual(first["height"], second["height"])
+        self.assertAlmostEqual(first["about"]["lon_deg"], 30.6, delta=0.01)
+        self.assertIsNone(map_errors.CASES[0].draw(scenario, 1))
+        drawn = [case.draw(scenario, seed)["shift"]["east_m"] for seed in range(400)]
+        self.assertAlmostEqual(np.std(drawn), case.shift_sigma_m, delta=2.5)
 
     def test_what_comes_again_counts_as_often(self):
         """Each value in four frames: correlations of 3/4, 1/2 and 1/4 to both sides."""

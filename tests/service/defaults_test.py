@@ -55,6 +55,8 @@ BODIES = {
         {"map": MAP, "sun": FRAME["sun"], "accuracy": {}},
         *({"map": MAP, "footprint": {"diameter_m": 8000, **shape}, "hazard": {"max_slope_deg": 5}, "products": ["hazard"]}
           for shape in ({}, {"shape": "legs"})),
+        *({"map": MAP, "products": ["height"], "map_error": dict(error, about=GROUND)}
+          for error in ({"shift": {"east_m": 5}, "tilt": {"slope_deg": 0.1}}, {"shift": {"north_m": 5}})),
     ),
     "/v1/lidar": tuple(
         dict({"instrument": dict(LIDAR, receiver=receiver, pattern=pattern), "pose": POSE}, **more)

@@ -91,6 +91,11 @@ OTHERS = [
     ("/v1/maps", {"map": {"projection": "orthographic", **CENTER}, "detail": "landing", "rocks": True, "products": ["hazard", "slope"],
                   "footprint": {"shape": "legs", "diameter_m": 500.0, "legs": 3, "azimuth_deg": 10.0},
                   "hazard": {"max_slope_deg": 5.0, "max_roughness_m": 20.0, "max_rock_height_m": 1.0, "max_rock_cover": 0.1}}),
+    ("/v1/maps", {"map": {"projection": "orthographic", **CENTER}, "detail": "highlands", "products": ["height"], "map_error": {
+        "seed": 3, "missing_craters_below_m": 30.0, "resolution_m": 60.0, "about": {**PLACE, "height_m": 100.0},
+        "shift": {"north_m": 30.0, "east_m": -20.0}, "scale": 1.01, "tilt": {"slope_deg": 0.05, "azimuth_deg": 40.0},
+        "height": [{"standard_deviation_m": 3.0, "correlation_length_m": 500.0}],
+        "albedo": [{"standard_deviation": 0.05, "correlation_length_m": 500.0}]}}),
     ("/v1/rays", {"rays": [{"origin_m": [1.6e6, 9e5, 3e3], "direction": [-1.0, -0.5, 0.0]}], "sun": {"direction": [1.0, 0.0, 0.0]}}),
     ("/v1/project", {"camera": small()["camera"], "pose": NADIR, "points": [{**PLACE, "height_m": 100.0}]}),
     ("/v1/sky", {"camera": small()["camera"], "pose": NADIR, "et_s": 8e8, "sky": {"stars": True, "sun": True, "earth": True}}),

@@ -34,7 +34,7 @@ FLOORS = [
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
     "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera",
     "engine/frame", "engine/support",
-    "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
+    "dem/map_error", "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
     "dem/files", "dem/grid", "dem/base",
 ]
 ROOMS = ["server", "api", "engine", "dem"]

@@ -269,7 +269,8 @@ namespace {
 class AssetFiles : public ::testing::Test {
  protected:
   AssetFiles() {
-    for (const char* kind : {"atmospheres", "cameras", "details", "kernels", "lidars", "maps", "objects", "stars"})
+    for (const char* kind :
+         {"atmospheres", "cameras", "details", "kernels", "lidars", "map_errors", "maps", "objects", "stars"})
       std::filesystem::create_directory(folder_ / kind);
   }
   void write(const std::string& name, const std::string& text) const { std::ofstream(folder_ / name) << text; }
@@ -355,7 +356,7 @@ TEST_F(AssetFiles, ReadingEndsWithTheRequest) {
 // Opening a FIFO waits for its writer.
 TEST_F(AssetFiles, FifosAreNoFiles) {
   for (const char* name : {"atmospheres/f.csv", "cameras/f.json", "details/f.json", "kernels/f.csv", "lidars/f.json",
-                           "maps/f.json", "objects/f.obj", "stars/f.csv"})
+                           "map_errors/f.json", "maps/f.json", "objects/f.obj", "stars/f.csv"})
     ASSERT_EQ(::mkfifo((folder_ / name).c_str(), 0600), 0);
   const Assets assets(folder_.path());
   EXPECT_EQ(assets.atmosphere("f"), nullptr);
@@ -363,6 +364,7 @@ TEST_F(AssetFiles, FifosAreNoFiles) {
   EXPECT_EQ(assets.detail("f"), nullptr);
   EXPECT_EQ(assets.kernel("f"), nullptr);
   EXPECT_EQ(assets.lidar("f"), nullptr);
+  EXPECT_EQ(assets.map_error("f"), nullptr);
   EXPECT_EQ(assets.map("f"), nullptr);
   EXPECT_EQ(assets.object("f"), nullptr);
   EXPECT_EQ(assets.stars("f"), nullptr);

@@ -161,6 +161,7 @@ class Requests(unittest.TestCase):
             self.check_members(class_, request_schema(path), class_.__name__)
         for path in ("/v1/rays", "/v1/project"):
             self.check_members(request_types.Light, request_schema(path), "Light")
+        self.check_members(request_types.MapError, part_schema("MapError"), "MapError")
         region = member_of(request_schema("/v1/features"), "region")
         self.check_members(request_types.Region, region, "Region")
         self.assertEqual(set(request_types.Region.__required_keys__), set(region["required"]))

@@ -62,27 +62,32 @@ def offsets(truth, onboard, imu, detector, seed=0):
     return np.array(rows)
 
 
-def map_error(rows):
-    """The variance of the shifts is that of the bias, a share of it, and of the matches' noise. The latter is compared
+def map_error(rows, draws=None):
+    """draws: number of the map that each row's frame was matched to, where there were several.
+
+    The variance of the shifts is that of the bias, a share of it, and of the matches' noise. The latter is compared
     with the variance that their scatter lets expect. The filter takes noise as new in each frame, but frames of the same
     ground have some of it in common: its variance grows by the sum of its correlations, which tilts show without bias.
     """
-    rows = rows[np.argsort(rows[:, 1])]
+    order = np.argsort(rows[:, 1])
+    rows, draws = rows[order], (np.zeros(len(rows)) if draws is None else draws[order])
     bands = np.array_split(rows, BANDS)
     variances = np.array([np.mean(band[:, 2:5] ** 2, axis=0) for band in bands])
     expected = np.array([np.mean(band[:, 5:8], axis=0) for band in bands])
     share, length_m = correlation(rows, np.concatenate([band[:, 2:5] / np.sqrt(variance)
-                                                        for band, variance in zip(bands, variances)]))
+                                                        for band, variance in zip(bands, variances)]), draws)
     radii_m = np.array([band[:, 1].mean() for band in bands])
-    repeats = np.array([sum_of_correlations(band[:, 11], band[:, 8:11]) for band in bands])
+    repeats = np.array([sum_of_correlations(band[:, 11], band[:, 8:11], of_band)
+                        for band, of_band in zip(bands, np.array_split(draws, BANDS))])
     excess = np.sqrt(repeats * np.maximum(np.mean((1 - share) * variances / expected, axis=1), 1))
     return MapError(radii_m, np.sqrt(share * variances), length_m, excess)
 
 
-def sum_of_correlations(frames, values):
+def sum_of_correlations(frames, values, draws=0):
     """Over all lags to both sides, until they vanish: by how much a mean of many frames is more uncertain."""
     products = np.mean(values[:, None] * values[None], axis=2)
-    lags = frames[:, None] - frames[None, :]
+    draws = np.broadcast_to(draws, frames.shape)
+    lags = np.where(draws[:, None] == draws[None, :], frames[:, None] - frames[None, :], np.nan)
     total, variance = 1.0, np.mean(values**2)
     for lag in range(1, len(frames) // 2):
         pairs = lags == lag
@@ -93,9 +98,10 @@ def sum_of_correlations(frames, values):
     return total
 
 
-def correlation(rows, shifts):
+def correlation(rows, shifts, draws):
     """share * exp(-distance / length) that fits the mean products of the shifts (of variance 1) by distance."""
     apart_m = np.abs(rows[:, None, 0] - rows[None, :, 0])
+    apart_m[draws[:, None] != draws[None, :]] = np.inf  # errors of two maps have nothing in common
     products = np.mean(shifts[:, None] * shifts[None], axis=2)
     edges_m = np.geomspace(300, 100e3, 13)
     bins = np.digitize(apart_m, edges_m)

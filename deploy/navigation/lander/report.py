@@ -29,6 +29,8 @@ def draw(folder):
                 report[name] = _flights(folder, name)
         if (folder / "causes.json").exists():
             report["causes"] = json.loads((folder / "causes.json").read_text())
+        if (folder / "map-errors" / "table.json").exists():
+            report["map-errors"] = json.loads((folder / "map-errors" / "table.json").read_text())
         if (folder / "sweep").is_dir():
             report["sweep"] = _points(folder / "sweep")
             _sweep(folder, report["sweep"])
@@ -53,6 +55,8 @@ def publish(work, here):
                 text += [f"![{folder.name}: {name}]({plot})", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
+        if tables.get("map-errors"):
+            text += _map_errors_page(tables["map-errors"], folder)
     sections = _sections(old) | _sections("\n".join(line for long in text for line in _lines(long)))
     page.write_text(before + BEGIN + "\n".join(sections.values()) + END + after)
 
@@ -273,3 +277,18 @@ def _sweep_page(points, folder):
     return [f"### {folder.name}: one thing changed at a time", "",
             *_table(["what", "value", "flights", "position RMS, 95 %, second half: m", "at the end, RMS: m",
                      "velocity RMS: m/s", "NEES of 3", "matches", "service, ms a frame"], rows)]
+
+
+def _map_errors_page(table, folder):
+    rows = [[row["case"], "yes" if row["knows"] else "no", str(row["flights"]), _figures(row["end_rms_m"]),
+             _figures(row["end_largest_m"]), _figures(row["end_sigma_m"]), f"{row['end_position_nees']:.1f}",
+             *(f"{row[f'{what}_nees']:.1f}" for what in ("position", "velocity", "attitude")), f"{row['matches']:.0f}"]
+            for row in table]
+    low, high = table[0]["nees_bounds"]
+    return [f"### {folder.name}: maps that are wrong", "",
+            "Each flight carries a map of its own (`map_error`, drawn by seed); frames show the terrain. A filter that "
+            "knows the errors has the statistics of a rehearsal with maps of other seeds, and the shift's deviation; one "
+            "that does not has those of a rehearsal with the right map. NEES of 3, over the flight and at the end; 95 % "
+            f"bounds of the mean of {table[0]['flights']} flights {low:.2f} to {high:.2f}.", "",
+            *_table(["error of the map", "known", "flights", "at the end, RMS: m", "largest: m", "filter's sigma: m",
+                     "NEES at the end", "position", "velocity", "attitude", "matches"], rows)]

@@ -13,7 +13,7 @@ from .answers import Answer, Frame, Scan, with_warnings
 from .client import Client
 from .frame_order import AnswersInOrder, answers_in_order
 from .request_types import (AnyFrameRequest, AnyHorizonsRequest, AnyIlluminationRequest, AnyLidarRequest, AnyLight,
-                            AnyMapRequest, AnyRegion, AnySkyRequest, Request)
+                            AnyMapError, AnyMapRequest, AnyRegion, AnySkyRequest, Request)
 
 _END = object()  # stands for the end of an iterable, since coroutines cannot raise StopIteration
 
@@ -53,8 +53,8 @@ class AsyncClient:
 
     async def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
                    objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None,
-                   light: Optional[AnyLight] = None) -> np.recarray:
-        return await self._run(self._client.rays, origins_m, directions, sun, objects, detail, light)
+                   light: Optional[AnyLight] = None, map_error: Optional[AnyMapError] = None) -> np.recarray:
+        return await self._run(self._client.rays, origins_m, directions, sun, objects, detail, light, map_error)
 
     async def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
                       objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
@@ -70,8 +70,9 @@ class AsyncClient:
     async def lidar(self, request: AnyLidarRequest, directions: Any = None, times_s: Any = None) -> Scan:
         return await self._run(self._client.lidar, request, directions, times_s)
 
-    async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
-        return await self._run(self._client.heights, lat_deg, lon_deg, detail)
+    async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None,
+                      map_error: Optional[AnyMapError] = None) -> np.recarray:
+        return await self._run(self._client.heights, lat_deg, lon_deg, detail, map_error)
 
     async def features(self, detail: str, region: AnyRegion, kind: str = "craters", smallest_m: Optional[float] = None,
                        min_depth_over_diameter: Optional[float] = None) -> np.recarray:

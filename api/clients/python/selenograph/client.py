@@ -17,7 +17,7 @@ from .records import Fields, records_of_arrays, records_of_objects
 from .region import region_of
 from .request_body import json_body, npz_body, without_none
 from .request_types import (AnyFrameRequest, AnyHorizonsRequest, AnyIlluminationRequest, AnyLidarRequest, AnyLight,
-                            AnyMapRequest, AnyRegion, AnySkyRequest, Request)
+                            AnyMapError, AnyMapRequest, AnyRegion, AnySkyRequest, Request)
 
 # Texts of /v1/project by the number that stands for each in arrays.
 REASONS = (None, "no dataset covers this place", "the datasets here have no valid post", "behind the camera",
@@ -116,11 +116,12 @@ class Client:
 
     def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
              objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None,
-             light: Optional[AnyLight] = None) -> np.recarray:
+             light: Optional[AnyLight] = None, map_error: Optional[AnyMapError] = None) -> np.recarray:
         """Casts rays, as of an altimeter: POST /v1/rays.
 
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
-        round. light: `indirect` of a frame, and optionally `surface` and `band`.
+        round. light: `indirect` of a frame, and optionally `surface` and `band`. map_error: casts them against the map
+        that a lander would carry, with these errors.
 
         Returns a record array of their shape without the 3: hit, range_m, position_m (x, y, z), normal (x, y, z),
         lit (NaN without `sun`), rock (the number that is its id in features(), there as f"{rock:016x}"; 0: none), and
@@ -132,7 +133,7 @@ class Client:
             raise ValueError(f"origins_m and directions are arrays of (..., 3); together they are {origins.shape}")
         answers = self._calls.post_arrays(
             "/v1/rays", {"origin_m": origins.reshape(-1, 3), "direction": towards.reshape(-1, 3)},
-            without_none(sun=sun, objects=objects, detail=detail) | (light or {}))
+            without_none(sun=sun, objects=objects, detail=detail, map_error=map_error) | (light or {}))
         fields: List[Tuple[Any, ...]] = [("hit", bool), ("range_m", float), ("position_m", float, 3),
                                          ("normal", float, 3), ("lit", float), ("rock", np.uint64)]
         if light:
@@ -196,8 +197,9 @@ class Client:
         answer = self._connections.call("POST", "/v1/lidar", body, "application/x-npz", region_of(request))
         return Scan(answer.content, shape)
 
-    def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
-        """Returns heights of the terrain at numbers or arrays: POST /v1/heights.
+    def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None,
+                map_error: Optional[AnyMapError] = None) -> np.recarray:
+        """Returns heights of the terrain at numbers or arrays: POST /v1/heights. map_error: see rays().
 
         The record array has their shape: height_m (above the sphere of 1 737 400 m; NaN where there is no data),
         post_spacing_m, source (name of the DEM tile), filled, blended (a mean of two layers), reason (why there is no
@@ -205,7 +207,8 @@ class Client:
         """
         lats, lons = np.broadcast_arrays(np.asarray(lat_deg, float), np.asarray(lon_deg, float))
         points = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(lats.ravel().tolist(), lons.ravel().tolist())]
-        answers = self._calls.post_list("/v1/heights", "points", points, without_none(detail=detail))
+        answers = self._calls.post_list("/v1/heights", "points", points,
+                                        without_none(detail=detail, map_error=map_error))
         fields = [("lat_deg", float), ("lon_deg", float), ("height_m", float), ("post_spacing_m", float),
                   ("source", object), ("filled", bool), ("blended", bool), ("reason", object)]
         return records_of_objects(answers, fields, lats.shape)

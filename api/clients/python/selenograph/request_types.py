@@ -43,6 +43,24 @@ class FrameRequest(TypedDict, total=False):
     compression: str
 
 
+class MapError(TypedDict, total=False):
+    """`map_error` of POST /v1/maps, /v1/rays and /v1/heights: how a lander's map differs from the terrain."""
+
+    preset: str
+    seed: int
+    missing_craters_below_m: float
+    resolution_m: float
+    about: Request
+    shift: Request
+    scale: float
+    tilt: Request
+    height: Sequence[Request]
+    albedo: Sequence[Request]
+
+
+AnyMapError = Union[MapError, Request]
+
+
 class MapRequest(TypedDict, total=False):
     """POST /v1/maps."""
 
@@ -51,6 +69,7 @@ class MapRequest(TypedDict, total=False):
     indirect: Request
     detail: Optional[str]
     surface: Request
+    map_error: AnyMapError
     band: Request
     view: Union[str, Request]
     accuracy: Request
