@@ -214,6 +214,12 @@ void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
       share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
   if (unmapped <= kMaxUnmappedShare) return;
   // A camera beyond the image plane is a fisheye, which images directions up to a largest angle from its boresight.
+  if (camera.cahvor) {
+    warnings.push_back(
+        "most of the image is beyond a fold of `cahvor` or more than 90 degrees from the camera's +z: check that its "
+        "vectors are in camera axes and belong to this image size, and order and signs of R");
+    return;
+  }
   warnings.push_back(
       camera.beyond_plane()
           ? "most of the image is beyond what the fisheye images: make fov_deg smaller or fx larger, or width and "

@@ -1,5 +1,6 @@
 #include "engine/camera/lens.h"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -8,146 +9,124 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kFarthest = 574;  // tan 89.9 degrees: no larger radius is searched for a fold
-constexpr double kInfinite = std::numeric_limits<double>::infinity();
-
-double radial(const Distortion& d, double r2) { return 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3)); }
-
-// Returns d(r * radial(r^2)) / dr, which is positive until the radial part alone folds.
-double radial_slope(const Distortion& d, double r2) { return 1 + r2 * (3 * d.k1 + r2 * (5 * d.k2 + r2 * 7 * d.k3)); }
-
-bool positive_definite(const Eigen::Matrix2d& symmetric) {
-  return symmetric.trace() > 0 && symmetric.determinant() > 1e-12;
+// Returns the derivative of the projective map by a position.
+Eigen::Matrix2d projective_jacobian(const Eigen::Matrix3d& map, const Eigen::Vector2d& position) {
+  const Vec3 image = map * position.homogeneous();
+  return (map.topLeftCorner<2, 2>() - image.hnormalized() * map.row(2).head<2>()) / image.z();
 }
 
-// Returns the first radius at which is_valid(r) fails; infinite beyond kFarthest.
-template <typename IsValid>
-double first_invalid(IsValid&& is_valid) {
-  double low = 0, high = 0.002;
-  while (is_valid(high)) {
-    low = high;
-    high *= 1.01;
-    if (high > kFarthest) return kInfinite;
-  }
-  for (int i = 0; i < 60; ++i) (is_valid((low + high) / 2) ? low : high) = (low + high) / 2;
-  return low;
+// Returns true if a direction is nowhere near the edge of the plane z = 1: a lens's axis may be off the camera's, so
+// that both have their limits.
+bool is_within_reach(const Vec3& in_camera) {
+  return in_camera.head<2>().norm() <= RadialFactor::kFarthest * in_camera.z();
+}
+
+// Returns the distortion of CAHVOR about its optical axis, without r0, which scales the whole image.
+Distortion distortion_of(const Cahvor& cahvor) {
+  Distortion distortion;
+  distortion.k1 = cahvor.r[1] / (1 + cahvor.r[0]);
+  distortion.k2 = cahvor.r[2] / (1 + cahvor.r[0]);
+  return distortion;
 }
 
 }  // namespace
 
-Lens::Lens(const Distortion& distortion) : d_(distortion) {
-  if (d_.none()) return;
-  valid_radius_ = max_radius_ = safe_radius();
-  if (d_.p1 == 0 && d_.p2 == 0) return;
-  // With tangential terms the radius of the fold depends on the direction; it varies little between the sampled ones.
-  constexpr int kDirections = 32;
-  for (int i = 0; i < kDirections; ++i) {
-    const double angle = 2 * std::numbers::pi * i / kDirections;
-    max_radius_ = std::max(max_radius_, 1.05 * fold_radius(std::cos(angle), std::sin(angle)));
-  }
+// OpenCV's computeTiltProjectionMatrix: the image on a sensor turned by R, along the lens's axis.
+std::optional<Lens::Planes> Lens::planes_of(const Distortion& d) {
+  if (d.tau_x_deg == 0 && d.tau_y_deg == 0) return std::nullopt;
+  const double tau_x = d.tau_x_deg * kRadiansPerDegree, tau_y = d.tau_y_deg * kRadiansPerDegree;
+  const double cos_x = std::cos(tau_x), sin_x = std::sin(tau_x), cos_y = std::cos(tau_y), sin_y = std::sin(tau_y);
+  Eigen::Matrix3d about_x, about_y, along_axis;
+  about_x << 1, 0, 0, 0, cos_x, sin_x, 0, -sin_x, cos_x;
+  about_y << cos_y, 0, -sin_y, 0, 1, 0, sin_y, 0, cos_y;
+  const Eigen::Matrix3d turn = about_y * about_x;
+  along_axis << turn(2, 2), 0, -turn(0, 2), 0, turn(2, 2), -turn(1, 2), 0, 0, 1;
+  Planes planes;
+  planes.image_from_lens = along_axis * turn;
+  planes.lens_from_image = planes.image_from_lens.inverse();
+  return planes;
 }
 
+// The rows of the image matrix are those of (H, V, A), in focal lengths from the principal point.
+std::optional<Lens::Planes> Lens::planes_of(const Cahvor& c) {
+  Planes planes;
+  planes.lens_from_camera = Eigen::Quaterniond::FromTwoVectors(c.o, Vec3::UnitZ()).toRotationMatrix();
+  Eigen::Matrix3d image_from_camera;
+  image_from_camera.row(0) = (c.h - c.cx() * c.a) / c.fx();
+  image_from_camera.row(1) = (c.v - c.cy() * c.a) / c.fy();
+  image_from_camera.row(2) = c.a;
+  planes.image_from_lens =
+      image_from_camera * planes.lens_from_camera.transpose() * Vec3(1 + c.r[0], 1 + c.r[0], 1).asDiagonal();
+  planes.lens_from_image = planes.image_from_lens.inverse();
+  return planes;
+}
+
+Lens::Lens(const Distortion& distortion) : distortion_(distortion), planes_(planes_of(distortion)) {}
+
+Lens::Lens(const Camera& camera)
+    : distortion_(camera.cahvor ? PlaneDistortion(distortion_of(*camera.cahvor), camera.cahvor->linearity)
+                                : PlaneDistortion(camera.distortion)),
+      planes_(camera.cahvor ? planes_of(*camera.cahvor) : planes_of(camera.distortion)) {}
+
 Eigen::Vector2d Lens::distorted(double x, double y) const {
-  const double r2 = x * x + y * y, k = radial(d_, r2);
-  return {x * k + 2 * d_.p1 * x * y + d_.p2 * (r2 + 2 * x * x), y * k + d_.p1 * (r2 + 2 * y * y) + 2 * d_.p2 * x * y};
+  if (!planes_) return distortion_.distorted(x, y);
+  const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
+  return (planes_->image_from_lens * distortion_.distorted(p.x(), p.y()).homogeneous()).hnormalized();
 }
 
 Eigen::Matrix2d Lens::jacobian(double x, double y) const {
-  const double r2 = x * x + y * y, k = radial(d_, r2);
-  const double dk = 2 * (d_.k1 + r2 * (2 * d_.k2 + r2 * 3 * d_.k3));  // d(radial)/d(r2), twice
-  const double mixed = x * y * dk + 2 * d_.p1 * x + 2 * d_.p2 * y;
-  Eigen::Matrix2d jacobian;
-  jacobian << k + x * x * dk + 2 * d_.p1 * y + 6 * d_.p2 * x, mixed, mixed,
-      k + y * y * dk + 6 * d_.p1 * y + 2 * d_.p2 * x;
-  return jacobian;
-}
-
-double Lens::fold_radius(double direction_x, double direction_y) const {
-  return first_invalid([&](double r) { return positive_definite(jacobian(r * direction_x, r * direction_y)); });
-}
-
-// Returns a radius within which every position is valid. The radial part's eigenvalues are radial and radial_slope; the
-// tangential part's are at least -6 |p| r.
-double Lens::safe_radius() const {
-  const double tangential = 6 * std::hypot(d_.p1, d_.p2);
-  return first_invalid(
-      [&](double r) { return std::min(radial(d_, r * r), radial_slope(d_, r * r)) - tangential * r > 0; });
-}
-
-bool Lens::holds(double x, double y) const {
-  const double r = std::hypot(x, y);
-  if (r <= valid_radius_) return true;
-  if (r > max_radius_) return false;
-  constexpr int kSteps = 64;
-  for (int i = 1; i <= kSteps; ++i)
-    if (!positive_definite(jacobian(x * i / kSteps, y * i / kSteps))) return false;
-  return true;
-}
-
-// Returns the position whose image is the target, by Newton's method from p with the exact Jacobian, in steps that stay
-// within the fold. It converges quadratically, so a failure means that the target is beyond the fold: then empty.
-std::optional<Eigen::Vector2d> Lens::corrected(Eigen::Vector2d p, const Eigen::Vector2d& target) const {
-  Eigen::Matrix2d slope_matrix = jacobian(p.x(), p.y());
-  for (int i = 0; i < 50; ++i) {
-    Eigen::Vector2d step = slope_matrix.inverse() * (distorted(p.x(), p.y()) - target);
-    const double max_step = 0.5 * std::max(0.1, p.norm());
-    if (step.norm() > max_step) step *= max_step / step.norm();
-    constexpr int kMaxHalvings = 8;
-    int halvings = 0;
-    for (; halvings < kMaxHalvings; ++halvings, step /= 2) {
-      slope_matrix = jacobian(p.x() - step.x(), p.y() - step.y());
-      if (positive_definite(slope_matrix)) break;
-    }
-    if (halvings == kMaxHalvings) return std::nullopt;
-    p -= step;
-    if (step.norm() <= 1e-15 * (1 + p.norm())) break;
-  }
-  if ((distorted(p.x(), p.y()) - target).norm() > 1e-11 * (1 + target.norm())) return std::nullopt;
-  return p;
-}
-
-// Solves for targets along the line from the axis, each from the solution before, for targets that one Newton iteration
-// does not reach.
-std::optional<Eigen::Vector2d> Lens::continued_from_axis(const Eigen::Vector2d& target) const {
-  constexpr int kSteps = 64;
-  std::optional<Eigen::Vector2d> p = Eigen::Vector2d::Zero();
-  for (int i = 1; i <= kSteps && p; ++i) p = corrected(*p, target * i / kSteps);
-  return p;
-}
-
-// Returns the position whose image is the target, for a lens without tangential terms; empty beyond the fold. Only the
-// radius changes, and it grows up to the fold: Newton's method between brackets.
-std::optional<Eigen::Vector2d> Lens::radially_undistorted(const Eigen::Vector2d& target) const {
-  const double target_radius = target.norm();
-  if (target_radius == 0) return target;
-  const auto mapped = [&](double r) { return r * radial(d_, r * r); };
-  double low = 0, high = std::min(max_radius_, 1.0);
-  while (mapped(high) < target_radius) {
-    if (high == max_radius_ || high > 1e100) return std::nullopt;
-    low = high;
-    high = std::min(max_radius_, 2 * high);
-  }
-  double r = std::min(high, target_radius);
-  for (int i = 0; i < 200 && high - low > 1e-16 * high; ++i) {
-    const double miss = mapped(r) - target_radius;
-    (miss > 0 ? high : low) = r;
-    const double next = r - miss / radial_slope(d_, r * r);
-    if (std::abs(next - r) <= 1e-16 * r) break;
-    r = next > low && next < high ? next : (low + high) / 2;
-  }
-  return target * (r / target_radius);
+  if (!planes_) return distortion_.jacobian(x, y);
+  const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
+  return projective_jacobian(planes_->image_from_lens, distortion_.distorted(p.x(), p.y())) *
+         distortion_.jacobian(p.x(), p.y()) * projective_jacobian(planes_->lens_from_camera, {x, y});
 }
 
 std::optional<Eigen::Vector2d> Lens::undistorted(double xd, double yd) const {
-  const Eigen::Vector2d target(xd, yd);
-  if (d_.none()) return target;
-  if (d_.p1 == 0 && d_.p2 == 0) return radially_undistorted(target);
-  Eigen::Vector2d start = target;
-  if (start.norm() > valid_radius_) start *= 0.9 * valid_radius_ / start.norm();
-  auto p = corrected(start, target);
-  if (p && holds(p->x(), p->y())) return p;
-  p = continued_from_axis(target);
-  return p && holds(p->x(), p->y()) ? p : std::nullopt;
+  if (!planes_) return distortion_.undistorted(xd, yd);
+  const Vec3 bent = planes_->lens_from_image * Vec3(xd, yd, 1);
+  if (!(bent.z() > 0)) return std::nullopt;
+  const auto p = distortion_.undistorted(bent.x() / bent.z(), bent.y() / bent.z());
+  if (!p) return std::nullopt;
+  const Vec3 in_camera = planes_->lens_from_camera.transpose() * p->homogeneous();
+  if (!is_within_reach(in_camera)) return std::nullopt;
+  return in_camera.hnormalized();
+}
+
+bool Lens::holds(double x, double y) const {
+  if (!planes_) return distortion_.holds(x, y);
+  const Vec3 p = planes_->lens_from_camera * Vec3(x, y, 1);
+  if (!(p.z() > 0 && is_within_reach({x, y, 1}) && distortion_.holds(p.x() / p.z(), p.y() / p.z()))) return false;
+  const Eigen::Vector2d bent = distortion_.distorted(p.x() / p.z(), p.y() / p.z());
+  return planes_->image_from_lens.row(2).dot(bent.homogeneous()) > 0;
+}
+
+double Lens::reach() const {
+  if (!planes_) return distortion_.reach();
+  const Vec3 axis = planes_->lens_from_camera.row(2);
+  const double widest = std::atan(distortion_.reach()) + std::atan2(std::hypot(axis.x(), axis.y()), axis.z());
+  return widest < std::numbers::pi / 2 ? std::min(std::tan(widest), RadialFactor::kFarthest) : RadialFactor::kFarthest;
+}
+
+// The lens stretches by at most the larger eigenvalue of its Jacobian's symmetric part, and by the rest of it, which is
+// 0 for Brown's lens.
+Lens::Scale Lens::scale(double focal_px, const Eigen::Vector2d& position) const {
+  const Eigen::Matrix2d jacobian = this->jacobian(position.x(), position.y());
+  const Eigen::Matrix2d symmetric = (jacobian + jacobian.transpose()) / 2;
+  const double r2 = position.squaredNorm(), half_trace = symmetric.trace() / 2;
+  const double stretch = std::abs(half_trace) +
+                         std::sqrt(std::max(0.0, half_trace * half_trace - symmetric.determinant())) +
+                         std::abs(jacobian(0, 1) - jacobian(1, 0)) / 2;
+  // On the plane z = 1 an angle covers up to (1 + r^2), along the radius.
+  if (!planes_ && distortion_.is_brown()) return {focal_px * stretch, focal_px * (1 + r2) * stretch};
+  // Across the radius it covers only the root of that. Toward 90 degrees from the axis, where lenses compress the
+  // radius, the product of both bounds would exceed the scale many times.
+  const double along = 1 + r2, across = std::sqrt(along);
+  Eigen::Matrix2d plane_from_angle = across * Eigen::Matrix2d::Identity();
+  if (r2 > 0) plane_from_angle += (along - across) / r2 * position * position.transpose();
+  const Eigen::Matrix2d m = jacobian * plane_from_angle;
+  const double largest =
+      (std::hypot(m(0, 0) + m(1, 1), m(0, 1) - m(1, 0)) + std::hypot(m(0, 0) - m(1, 1), m(0, 1) + m(1, 0))) / 2;
+  return {focal_px * stretch, focal_px * largest};
 }
 
 }  // namespace selenograph::engine

@@ -1,26 +1,28 @@
-// Brown-Conrady distortion and its inverse, on the plane z = 1 of the camera.
+// Lens of a pinhole, on the plane z = 1 of the camera: distortion about the lens's axis, between two projective maps
+// for a lens or a sensor that is not square to the camera's axes.
 //
-//   distorted radius                         A strong polynomial folds: positions beyond the fold are mapped
-//      ^        __ fold                      back into the image. Only positions within the fold are valid:
-//      |     .'    `.                        the Jacobian of the map (symmetric, as the map is a gradient)
-//      |   .'  valid  `.  mapped back        stays positive definite along the straight line from the axis.
-//      | .'             `.
-//      +-----------------> undistorted radius
+//   camera plane --rotation--> lens plane --PlaneDistortion--> lens plane --homography--> image, in focal lengths
+//     z = 1                     lens axis = z                                             from the principal point
+//
+// Brown's and OpenCV's lenses have the camera's axis; OpenCV's tilt (tau_x, tau_y) is a homography. CAHVOR's optical
+// axis O gives the rotation, its vectors A, H and V the homography (Gennery 2006).
 #pragma once
 
 #include <Eigen/Core>
-#include <limits>
 #include <optional>
 
+#include "engine/camera/plane_distortion.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {
 
 class Lens {
  public:
+  // The lens of a camera whose model is the pinhole.
+  explicit Lens(const Camera& camera);
   explicit Lens(const Distortion& distortion);
 
-  // Maps an undistorted position to the distorted one.
+  // Maps an undistorted position to the distorted one. The position must hold.
   Eigen::Vector2d distorted(double x, double y) const;
   Eigen::Matrix2d jacobian(double x, double y) const;
 
@@ -31,18 +33,25 @@ class Lens {
   bool holds(double x, double y) const;
 
   // Upper bound of the radius of valid positions; infinite if the map is invertible everywhere.
-  double reach() const { return max_radius_; }
+  double reach() const;
+
+  // Upper bounds of the image scale in any direction, at a position on the plane.
+  struct Scale {
+    double px_per_slope, px_per_radian;
+  };
+  Scale scale(double focal_px, const Eigen::Vector2d& position) const;
 
  private:
-  std::optional<Eigen::Vector2d> radially_undistorted(const Eigen::Vector2d& target) const;
-  std::optional<Eigen::Vector2d> corrected(Eigen::Vector2d from, const Eigen::Vector2d& target) const;
-  std::optional<Eigen::Vector2d> continued_from_axis(const Eigen::Vector2d& target) const;
-  double fold_radius(double direction_x, double direction_y) const;
-  double safe_radius() const;
+  struct Planes {
+    Eigen::Matrix3d lens_from_camera = Eigen::Matrix3d::Identity();  // rotation
+    Eigen::Matrix3d image_from_lens = Eigen::Matrix3d::Identity();
+    Eigen::Matrix3d lens_from_image = Eigen::Matrix3d::Identity();
+  };
+  static std::optional<Planes> planes_of(const Distortion& distortion);
+  static std::optional<Planes> planes_of(const Cahvor& cahvor);
 
-  Distortion d_;
-  double valid_radius_ = std::numeric_limits<double>::infinity();  // all positions within this radius are valid
-  double max_radius_ = std::numeric_limits<double>::infinity();    // no position beyond this radius is valid
+  PlaneDistortion distortion_;
+  std::optional<Planes> planes_;  // empty: both maps are the identity
 };
 
 }  // namespace selenograph::engine

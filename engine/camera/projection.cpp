@@ -4,7 +4,7 @@
 
 namespace selenograph::engine {
 
-Projection::Projection(const Camera& camera) : camera_(camera), lens_(camera.distortion) {
+Projection::Projection(const Camera& camera) : camera_(camera), lens_(camera) {
   if (camera.beyond_plane()) fisheye_.emplace(camera.fisheye);
 }
 

@@ -74,15 +74,10 @@ void View::bound_image() {
       right_ = std::max(right_, plane_point->x());
       top_ = std::min(top_, plane_point->y());
       bottom_ = std::max(bottom_, plane_point->y());
-      // Pixels per radian: on the plane z = 1 an angle covers up to (1 + r^2), along the radius. The lens stretches
-      // that by at most the larger eigenvalue of its symmetric Jacobian.
-      const Eigen::Matrix2d jacobian = lens.jacobian(plane_point->x(), plane_point->y());
-      const double r2 = plane_point->squaredNorm(), half_trace = jacobian.trace() / 2;
-      const double stretch =
-          std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - jacobian.determinant()));
-      max_pixels_per_radian = std::max(max_pixels_per_radian, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
-      stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * kScaleMargin);
-      widest_ = std::max(widest_, std::sqrt(r2));
+      const Lens::Scale scale = lens.scale(std::max(camera_.fx, camera_.fy), *plane_point);
+      max_pixels_per_radian = std::max(max_pixels_per_radian, scale.px_per_radian);
+      stretched_focal_ = std::max(stretched_focal_, scale.px_per_slope * kScaleMargin);
+      widest_ = std::max(widest_, plane_point->norm());
     }
   pixels_per_radian_ = max_pixels_per_radian * kScaleMargin;
   if (left_ > right_) return;  // no pixel has a ray: nothing is in view

@@ -68,7 +68,9 @@ void check_camera(const engine::Camera& c) {
   require(api::kFocalLength_px.contains(c.fx) && api::kFocalLength_px.contains(c.fy), "focal lengths are in range");
   require(std::isfinite(c.cx) && std::isfinite(c.cy), "the principal point is finite");
   const engine::Distortion& d = c.distortion;
-  for (const double k : {d.k1, d.k2, d.k3, d.p1, d.p2}) require(api::kDistortion.contains(k), "distortion is in range");
+  for (const double k : {d.k1, d.k2, d.k3, d.k4, d.k5, d.k6, d.p1, d.p2, d.s1, d.s2, d.s3, d.s4})
+    require(api::kDistortion.contains(k), "distortion is in range");
+  if (c.cahvor) require(is_unit(c.cahvor->a) && is_unit(c.cahvor->o), "the vectors are directions");
 }
 
 void check_pose(const engine::Pose& pose) {

@@ -103,6 +103,30 @@ TEST_F(TwoWays, ReferenceConfirmsBoth) {
   EXPECT_LE(all.rays_wrong * 100000, all.pixels);
 }
 
+// Lenses of OpenCV's terms and CAHVOR's vectors, CAHVORE up to 75 degrees from the boresight.
+TEST_F(TwoWays, AgreeThroughCalibratedLenses) {
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  const Vec3 sun = engine::sun_direction(local_axes(from), 115, 15);
+  engine::FrameRequest rational = square_view(engine::tilted_pose(from, 0), kSide, 50, sun);
+  rational.camera.distortion = {0.9, 0.2, 0.01, 0.001, -0.002, 1.3, 0.45, 0.06, 0.003, -0.001, -0.002, 0.0005, 4, -7};
+  compare("OpenCV's terms", rational);
+  for (const auto& [linearity, focal_px] : {std::pair(1.0, 400.0), {0.0, 210.0}, {-1.0, 300.0}}) {
+    engine::FrameRequest request = square_view(engine::tilted_pose(from, 30), kSide, 50, sun);
+    const Vec3 a = Vec3(0.02, -0.03, 1).normalized();
+    request.camera.cahvor = {a,
+                             Vec3(focal_px, 1, 0) + 191 * a,
+                             Vec3(-2, focal_px, 0) + 192 * a,
+                             Vec3(-0.01, 0.02, 1).normalized(),
+                             {0.01, -0.03, 0.005},
+                             linearity};
+    request.camera.fx = request.camera.cahvor->fx();
+    request.camera.fy = request.camera.cahvor->fy();
+    request.camera.cx = request.camera.cahvor->cx();
+    request.camera.cy = request.camera.cahvor->cy();
+    compare(fmt::format("CAHVORE, linearity {}", linearity), request);
+  }
+}
+
 // At the foot of a slope that the sunlight nearly grazes, float rounds across the foot's edge in light space.
 TEST(TwoWaysOverHadley, AreRightAtTheFootOfSlopes) {
   const std::string folder = shared_data("hadley");

@@ -104,18 +104,39 @@ def matrix(q):
                      [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
-def distort(x, y, k1=0, k2=0, k3=0, p1=0, p2=0):
+def distort(x, y, k1=0, k2=0, k3=0, k4=0, k5=0, k6=0, p1=0, p2=0, s1=0, s2=0, s3=0, s4=0, tau_x_deg=0, tau_y_deg=0):
     """OpenCV's documentation of projectPoints."""
     r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y)
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + s1 * r2 + s2 * r2**2
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + s3 * r2 + s4 * r2**2
+    (ax, sx), (ay, sy) = ((np.cos(t), np.sin(t)) for t in np.radians([tau_x_deg, tau_y_deg]))
+    turn = np.array([[ay, 0, -sy], [0, 1, 0], [sy, 0, ay]]) @ np.array([[1, 0, 0], [0, ax, sx], [0, -sx, ax]])
+    tilt = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]]) @ turn
+    x, y, z = np.moveaxis(np.stack([xd, yd, np.ones_like(xd)], -1) @ tilt.T, -1, 0)
+    return x / z, y / z
 
 
-def undistort(xd, yd, **k):
-    x, y = xd.copy(), yd.copy()
-    for _ in range(200):  # fixed point with the identity as slope; the tests' distortions contract
-        ex, ey = distort(x, y, **k)
-        x, y = x + (xd - ex), y + (yd - ey)
+def cahvor_pixels(x, y, A, H, V, O, R, linearity=1):
+    """Gennery (2006), for the directions (x, y, 1)."""
+    p = np.stack([x, y, np.ones_like(x)], -1)
+    zeta = p @ O
+    across = p - zeta[..., None] * O
+    size = np.linalg.norm(across, axis=-1)
+    theta = np.arctan2(size, zeta)
+    chi = np.tan(linearity * theta) / linearity if linearity > 0 else np.sin(linearity * theta) / linearity if linearity else theta
+    bent = (size / chi)[..., None] * np.asarray(O) + (1 + R[0] + R[1] * chi**2 + R[2] * chi**4)[..., None] * across
+    return bent @ H / (bent @ A), bent @ V / (bent @ A)
+
+
+def inverted(function, u, v, x, y):
+    """Newton's method with slopes by differences, from (x, y)."""
+    h = 1e-6
+    for _ in range(30):
+        (a, b), (ae, be), (an, bn) = function(x, y), function(x + h, y), function(x, y + h)
+        ax, bx, ay, by = (ae - a) / h, (be - b) / h, (an - a) / h, (bn - b) / h
+        det = ax * by - ay * bx
+        x, y = x - (by * (a - u) - ay * (b - v)) / det, y - (ax * (b - v) - bx * (a - u)) / det
     return x, y
 
 
@@ -123,7 +144,12 @@ def pixel_rays(camera):
     """Camera-axes direction with z = 1 through the centre of each pixel."""
     u, v = np.meshgrid(np.arange(camera["width"], dtype=float), np.arange(camera["height"], dtype=float))
     k = {name: value for name, value in camera.get("distortion", {}).items() if name != "model"}
-    x, y = undistort((u - camera["cx"]) / camera["fx"], (v - camera["cy"]) / camera["fy"], **k)
+    if "cahvor" in camera:
+        c = camera["cahvor"]
+        x, y = inverted(lambda x, y: cahvor_pixels(x, y, **c), u, v, (u - c["H"][2]) / c["H"][0], (v - c["V"][2]) / c["V"][1])
+    else:
+        xd, yd = (u - camera["cx"]) / camera["fx"], (v - camera["cy"]) / camera["fy"]
+        x, y = inverted(lambda x, y: distort(x, y, **k), xd, yd, xd, yd)
     return np.stack([x, y, np.ones_like(x)], -1)
 
 
@@ -132,6 +158,11 @@ def pixel_rays(camera):
 LAT, LON = 0.05, 30.02  # the middle of the sample terrain
 SUN = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": 20.0}}
 DISTORTION = {"model": "brown_conrady", "k1": -0.21, "k2": 0.06, "k3": -0.011, "p1": 0.0031, "p2": -0.0024}
+OPENCV = {"model": "opencv", "k1": 0.7, "k2": 0.1, "k3": 0.01, "k4": 0.95, "k5": 0.25, "k6": 0.02, "p1": 0.0031, "p2": -0.0024,
+          "s1": 0.004, "s2": -0.001, "s3": -0.003, "s4": 0.002, "tau_x_deg": 3.0, "tau_y_deg": -5.0}
+CAHVOR = {"A": unit(np.array([0.02, -0.01, 1])).tolist(), "H": [45.0, 0.2, 22.0], "V": [-0.3, 47.0, 21.5],
+          "O": unit(np.array([-0.01, 0.015, 1])).tolist(), "R": [0.003, -0.05, 0.01]}
+CAHVORE = dict(CAHVOR, H=[32.0, 0.2, 22.0], V=[-0.3, 33.0, 21.5], R=[0.003, -0.02, 0.004], linearity=0.2)
 
 
 def request(products=("position",), lat=LAT, lon=LON, height=15000.0, width=64, rows=48, fov=50.0, **changes):
@@ -152,13 +183,13 @@ class Test(unittest.TestCase):
 
 
 class Camera(Test):
-    def check_rays(self, camera, pose=None):
-        document = request(["position", "depth", "range", "geodetic"], camera=camera)
+    def check_rays(self, camera, pose=None, **changes):
+        document = request(["position", "depth", "range", "geodetic"], camera=camera, **changes)
         if pose:
             document["pose"] = pose
         f = service("sample").arrays(document)
         got = f["meta"]["request"]
-        resolved = dict(camera, **{k: got["camera"][k] for k in ("fx", "fy", "cx", "cy")})
+        resolved = dict(camera, **{k: got["camera"][k] for k in ("fx", "fy", "cx", "cy") if k in got["camera"]})
         origin, axes = np.array(got["pose"]["position_m"]), matrix(got["pose"]["camera_from_moon"])
         rays = pixel_rays(resolved)
         hit = np.isfinite(f["depth"])
@@ -177,6 +208,23 @@ class Camera(Test):
     def test_every_pixel_of_a_distorted_camera(self):
         camera = {"width": 60, "height": 44, "fx": 55.0, "fy": 56.0, "cx": 28.0, "cy": 23.0, "distortion": DISTORTION}
         self.check_rays(camera)
+
+    def test_every_pixel_of_opencv_s_terms(self):
+        camera = {"width": 60, "height": 44, "fx": 55.0, "fy": 56.0, "cx": 28.0, "cy": 23.0, "distortion": OPENCV}
+        self.check_rays(camera)
+
+    def test_every_pixel_of_cahvor_s_vectors(self):
+        for vectors in (CAHVOR, CAHVORE):
+            for visibility in ("raytrace", "zbuffer"):
+                self.check_rays({"width": 48, "height": 40, "cahvor": vectors}, visibility=visibility)
+
+    def test_vectors_of_a_pinhole_are_the_pinhole(self):
+        size = {"width": 48, "height": 40}
+        vectors = dict(size, cahvor={"A": [0, 0, 1], "H": [45, 0, 22], "V": [0, 47, 21.5]})
+        pinhole = dict(size, fx=45.0, fy=47.0, cx=22.0, cy=21.5)
+        got, wanted = (service("sample").arrays(request(["position"], camera=camera)) for camera in (vectors, pinhole))
+        self.assertTrue(np.array_equal(got["position"], wanted["position"], equal_nan=True))
+        self.assertEqual(got["meta"]["request"]["camera"], wanted["meta"]["request"]["camera"])
 
     def test_every_pixel_of_an_oblique_view(self):
         pose = {"geodetic": {"lat_deg": LAT - 0.3, "lon_deg": LON - 0.2, "height_m": 9000.0},
@@ -249,8 +297,9 @@ class Radiance(Test):
 
 class Geometry(Test):
     def test_projection_of_every_pixel_s_position(self):
-        for distortion in ({"model": "brown_conrady"}, DISTORTION):
-            camera = {"width": 48, "height": 40, "fx": 45.0, "fy": 47.0, "cx": 22.0, "cy": 21.5, "distortion": distortion}
+        size, focal = {"width": 48, "height": 40}, {"fx": 45.0, "fy": 47.0, "cx": 22.0, "cy": 21.5}
+        for camera in ({**size, **focal, "distortion": {"model": "brown_conrady"}}, {**size, **focal, "distortion": DISTORTION},
+                       {**size, **focal, "distortion": OPENCV}, {**size, "cahvor": CAHVOR}, {**size, "cahvor": CAHVORE}):
             document = request(["geodetic", "range", "lit"], camera=camera, accuracy={"max_error_px": 0})
             f = service("sample").arrays(document)
             g = f["geodetic"].reshape(-1, 3)
@@ -266,6 +315,43 @@ class Geometry(Test):
             self.assertEqual([k for k, p in enumerate(answers) if not p["visible"]], [], "a pixel's own point is hidden")
             wrong = np.sum(np.array([p["lit"] for p in answers]) != f["lit"].ravel())
             self.assertLessEqual(wrong, 2, "lit differs from the frame's")
+
+    def test_rows_with_times_through_calibrated_lenses(self):
+        """A rolling shutter's and a line camera's pixels, projected back at the times of their rows."""
+        size = {"width": 40, "height": 32}
+        for camera in ({**size, "fx": 45.0, "fy": 47.0, "cx": 20.0, "cy": 15.5, "distortion": OPENCV},
+                       {**size, "cahvor": dict(CAHVORE, H=[32.0, 0.2, 20.0], V=[-0.3, 33.0, 15.5])}):
+            for pushbroom in (False, True):
+                shutter = {"line_time_s": 0.02, "velocity_m_s": [0, 300, 1500 if pushbroom else 200], "pushbroom": pushbroom,
+                           "angular_rate_deg_s": [0.5, 0.2, 1.0]}
+                document = request(["geodetic"], camera=camera, shutter=shutter, accuracy={"max_error_px": 0})
+                g = service("sample").arrays(document)["geodetic"].reshape(-1, 3)
+                self.assertFalse(np.isnan(g).any())
+                points = [{"lat_deg": a, "lon_deg": o, "height_m": h} for a, o, h in g.tolist()]
+                answers = service("sample").call("/v1/project", {
+                    "camera": camera, "pose": document["pose"], "shutter": shutter, "points": points})["points"]
+                v, u = np.mgrid[0:32, 0:40]
+                got = np.array([[p["x_px"], p["y_px"]] for p in answers])
+                self.close(got, np.stack([u.ravel(), v.ravel()], -1), 1e-5, f"pushbroom {pushbroom}")
+
+    def test_flow_through_calibrated_lenses(self):
+        size = {"width": 40, "height": 32}
+        moved = {"geodetic": {"lat_deg": LAT + 0.02, "lon_deg": LON - 0.01, "height_m": 14000.0}, "nadir": {"up_azimuth_deg": 7.0}}
+        for camera in ({**size, "fx": 45.0, "fy": 47.0, "cx": 20.0, "cy": 15.5, "distortion": OPENCV},
+                       {**size, "cahvor": dict(CAHVOR, H=[45.0, 0.2, 20.0], V=[-0.3, 47.0, 15.5])}):
+            f = service("sample").arrays(request(["position", "flow"], camera=camera, flow_to=moved))
+            there = service("sample").arrays(request(["depth"], camera=camera, pose=moved))["meta"]["request"]["pose"]
+            p = (f["position"] - there["position_m"]) @ matrix(there["camera_from_moon"]).T
+            x, y = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2]
+            if "cahvor" in camera:
+                u, v = cahvor_pixels(x, y, **camera["cahvor"])
+            else:
+                x, y = distort(x, y, **{name: k for name, k in OPENCV.items() if name != "model"})
+                u, v = camera["fx"] * x + camera["cx"], camera["fy"] * y + camera["cy"]
+            seen = np.isfinite(f["flow"][..., 0])
+            self.assertGreater(seen.mean(), 0.9)
+            rows, columns = np.mgrid[0:32, 0:40]
+            self.close(f["flow"][seen], np.stack([u - columns, v - rows], -1)[seen], 1e-6)
 
     def test_edges_of_the_frame(self):
         """Pixel centres are integers, so that the frame reaches half a pixel beyond the outermost centres."""

@@ -34,6 +34,8 @@ BODIES = {
         dict({name: FRAME[name] for name in ("camera", "sun")}, shutter={"line_time_s": 0.01, "poses": AT_TIMES}),
         dict(FRAME, camera=dict(FRAME["camera"], distortion={})),
         dict(FRAME, camera=dict(FRAME["camera"], model="fisheye", distortion={"model": "kannala_brandt"})),
+        dict(FRAME, camera=dict(FRAME["camera"], distortion={"model": "opencv"})),
+        dict(FRAME, camera={"width": 16, "height": 12, "cahvor": {"A": [0, 0.1, 0.995], "H": [20, 0, 8], "V": [0, 20, 6]}}),
         dict(FRAME, accuracy={}, truth={}, surface={"reflectance": {}}, objects=[OBJECT], products=["lit", "radiance"]),
         dict(FRAME, accuracy={"budget_ms": 50}),
         dict(FRAME, detail="highlands", craters={}),

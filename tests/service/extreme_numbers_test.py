@@ -47,6 +47,12 @@ def frames():
     yield small(("image", "angles", "geodetic"), image={"bit_depth": 16, "full_scale_radiance": 55.5}, sun={
         "direction": [0.1, 1.0, 0.2], "distance_au": 1.0, "angular_radius_deg": 0.27})
     yield small(camera={**pinhole, "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.01, "k3": 0.001, "p1": 1e-3, "p2": 1e-3}})
+    yield small(camera={**pinhole, "distortion": {
+        "model": "opencv", "k1": 0.4, "k4": 0.5, "k5": 0.01, "k6": 0.001, "s1": 1e-3, "s2": 1e-3, "s3": 1e-3, "s4": 1e-3,
+        "tau_x_deg": 2.0, "tau_y_deg": -1.0}})
+    yield small(camera={"width": 12, "height": 8, "cahvor": {
+        "A": [0.0, 0.1, 0.995], "H": [15.0, 0.1, 5.5], "V": [0.1, 15.0, 3.5], "O": [0.1, 0.0, 0.995], "R": [0.01, 0.02, 0.003],
+        "linearity": 0.5}})
     yield small(camera={"model": "fisheye", "width": 12, "height": 8, "fov_deg": 150.0}, sun={"subsolar": {"lat_deg": 1.0, "lon_deg": 40.0}})
     yield small(pose={"position_m": [1e6, 1.2e6, 9e5], "look_at": {**PLACE, "height_m": 0.0, "up": [0.0, 0.1, 1.0]}})
     yield small(pose={"geodetic": HIGH, "camera_from_moon": {"w": 0.5, "x": 0.5, "y": -0.5, "z": 0.5}})

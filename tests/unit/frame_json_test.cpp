@@ -128,6 +128,68 @@ TEST(CameraJson, Fisheye) {
   EXPECT_EQ(read_frame(parse_json(resolved.dump(), 16), Limits()).request.camera, lens);
 }
 
+TEST(CameraJson, OpenCvsTerms) {
+  const char* const request = R"({"camera": {"fov_deg": 60, "distortion": {"model": "opencv", "k1": 0.5, "k2": 0.2,
+      "k3": 0.1, "k4": 0.6, "k5": 0.05, "k6": 0.01, "p1": 0.001, "p2": 0.002, "s1": 0.003, "s2": 0.004, "s3": 0.005,
+      "s4": 0.006, "tau_x_deg": 1.1, "tau_y_deg": -2.3}}})";
+  const engine::Distortion expected{0.5,  0.2,   0.1,   0.001, 0.002, 0.6, 0.05,
+                                    0.01, 0.003, 0.004, 0.005, 0.006, 1.1, -2.3};
+  EXPECT_EQ(accepted(request).camera.distortion, expected);
+  const auto resolved = resolved_json(read_frame(patched(request), Limits()));
+  EXPECT_EQ(read_frame(parse_json(resolved.dump(), 16), Limits()).request.camera.distortion, expected);
+  EXPECT_EQ(resolved["camera"]["distortion"]["tau_y_deg"], -2.3);
+  // Without them it is Brown's lens, under its name.
+  const auto brown = resolved_json(
+      read_frame(patched(R"({"camera": {"distortion": {"model": "opencv", "k1": 0.1}}})"), Limits()))["camera"];
+  EXPECT_EQ(brown["distortion"].dump(), R"({"model":"brown_conrady","k1":0.1,"k2":0.0,"k3":0.0,"p1":0.0,"p2":0.0})");
+}
+
+TEST(CameraJson, CahvorsVectors) {
+  const char* const request = R"({"camera": {"fov_deg": null, "cahvor": {"A": [0, 0.6, 0.8], "H": [900, 306, 408],
+      "V": [0, 1026.4, -119.8], "O": [0.6, 0, 0.8], "R": [0.1, 0.2, 0.3], "linearity": 0.5}}})";
+  const engine::Camera camera = accepted(request).camera;
+  ASSERT_TRUE(camera.cahvor);
+  EXPECT_EQ(camera.cahvor->o, Vec3(0.6, 0, 0.8));
+  EXPECT_EQ(camera.cahvor->r, Vec3(0.1, 0.2, 0.3));
+  EXPECT_EQ(camera.cahvor->linearity, 0.5);
+  EXPECT_NEAR(camera.fx, 900, 1e-9);  // H = 900 x + 510 A, V = 893 (0, 0.8, -0.6) + 520 A
+  EXPECT_NEAR(camera.cx, 510, 1e-9);
+  EXPECT_NEAR(camera.fy, 893, 1e-9);
+  EXPECT_NEAR(camera.cy, 520, 1e-9);
+  const auto resolved = resolved_json(read_frame(patched(request), Limits()));
+  EXPECT_EQ(read_frame(parse_json(resolved.dump(), 16), Limits()).request.camera, camera);
+  // Vectors of a pinhole are that pinhole, and O is A by default.
+  const engine::Camera pinhole =
+      accepted(R"({"camera": {"fov_deg": null, "cahvor": {"A": [0, 0, 1], "H": [900, 0, 510], "V": [0, 893, 520]}}})")
+          .camera;
+  EXPECT_EQ(pinhole, (engine::Camera{pinhole.width, pinhole.height, 900, 893, 510, 520, {}}));
+}
+
+TEST(CameraJson, CahvorRefusals) {
+  const auto refused_with = [](const std::string& changes) {
+    Json cahvor = Json::parse(R"({"A": [0, 0, 1], "H": [900, 0, 510], "V": [0, 893, 520]})");
+    cahvor.merge_patch(Json::parse(changes));
+    return refused(Json{{"camera", {{"fov_deg", nullptr}, {"cahvor", cahvor}}}}.dump());
+  };
+  EXPECT_EQ(refused_with(R"({"A": [0, 0, 1.01]})"), "/camera/cahvor/A");
+  EXPECT_EQ(refused_with(R"({"A": [1, 0, 0]})"), "/camera/cahvor/A") << "of a frame with x ahead";
+  EXPECT_EQ(refused_with(R"({"O": [0, 0.9, 0.435889894]})"), "/camera/cahvor/O");
+  EXPECT_EQ(refused_with(R"({"O": [0.7, 0, 0.7141], "A": [-0.7, 0, 0.7141]})"), "/camera/cahvor/O");
+  EXPECT_EQ(refused_with(R"({"R": [-1, 0, 0]})"), "/camera/cahvor/R");
+  EXPECT_EQ(refused_with(R"({"H": [0, 0, 510]})"), "/camera/cahvor/H");
+  EXPECT_EQ(refused_with(R"({"V": [0, -893, 520]})"), "/camera/cahvor/V") << "upside down";
+  EXPECT_EQ(refused_with(R"({"V": [893, 0, 520]})"), "/camera/cahvor/V") << "on a line with H";
+  EXPECT_EQ(refused_with(R"({"linearity": 1.1})"), "/camera/cahvor/linearity");
+  EXPECT_EQ(refused_with(R"({"E": [0, 0, 0]})"), "/camera/cahvor/E");
+  EXPECT_EQ(refused_with(R"({"V": null})"), "/camera/cahvor/V");
+  const char* const vectors = R"("cahvor": {"A": [0, 0, 1], "H": [900, 0, 510], "V": [0, 893, 520]})";
+  EXPECT_EQ(refused(fmt::format(R"({{"camera": {{{}}}}})", vectors)), "/camera/cahvor");
+  EXPECT_EQ(refused(fmt::format(R"({{"camera": {{"fov_deg": null, "model": "fisheye", {}}}}})", vectors)),
+            "/camera/cahvor");
+  EXPECT_EQ(refused(fmt::format(R"({{"camera": {{"fov_deg": null, "distortion": {{}}, {}}}}})", vectors)),
+            "/camera/distortion");
+}
+
 TEST(CameraJson, Refusals) {
   std::string details;
   EXPECT_EQ(refused(R"({"camera": {"fx": 800}})", &details), "/camera/fx");

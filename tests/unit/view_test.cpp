@@ -25,6 +25,15 @@ std::vector<Camera> cameras() {
     c.distortion = d;
     all.push_back(c);
   }
+  all.push_back(plain_camera());
+  all.back().distortion = {0.9, 0.2, 0.01, 0.001, -0.002, 1.3, 0.45, 0.06, 0.003, -0.001, -0.002, 0.0005, 4, -7};
+  all.push_back(plain_camera());
+  all.back().cahvor = Cahvor{Vec3(0.02, 0.01, 1).normalized(),  {240, 1, 330},        {-2, 250, 230},
+                             Vec3(-0.01, 0.02, 1).normalized(), {0.01, -0.02, 0.003}, 0.1};
+  all.back().fx = all.back().cahvor->fx();
+  all.back().fy = all.back().cahvor->fy();
+  all.back().cx = all.back().cahvor->cx();
+  all.back().cy = all.back().cahvor->cy();
   return all;
 }
 

@@ -38,15 +38,26 @@ def image_members(array):
             "data": np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()}
 
 
+def members_without_message(camera):
+    """Members of a camera that no distortion model of a CameraInfo has."""
+    lens = camera.get("distortion") or {}
+    terms = [f"distortion.{name}" for name in ("s1", "s2", "s3", "s4", "tau_x_deg", "tau_y_deg") if lens.get(name)]
+    return ["cahvor"] * ("cahvor" in camera) + terms
+
+
 def camera_info_members(camera):
     """The resolved camera of a frame's metadata as the members of a sensor_msgs/CameraInfo but its header, by the names
     of ROS 2."""
     lens = camera.get("distortion") or {}
     fisheye = camera["model"] == "fisheye"
-    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    unfit = members_without_message(camera)
+    if unfit:
+        raise ValueError(f"CameraInfo has no model for the camera's {unfit[0]}")
+    rational = lens.get("model") == "opencv"
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[:8 if rational else 5]
     fx, fy, cx, cy = (float(camera[name]) for name in ("fx", "fy", "cx", "cy"))
     return {"height": camera["height"], "width": camera["width"],
-            "distortion_model": "equidistant" if fisheye else "plumb_bob",
+            "distortion_model": "equidistant" if fisheye else "rational_polynomial" if rational else "plumb_bob",
             "d": [float(lens.get(name, 0.0)) for name in names],
             "k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
             "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
@@ -56,7 +67,9 @@ def camera_info_members(camera):
 def unfit_member(request):
     """What makes arrays that Image doesn't have, or that CameraInfo isn't of; None without."""
     truth = request.get("truth") or {}
-    wrong = {"cameras": "cameras" in request, "truth.region": "region" in truth,
+    camera = request.get("camera") or {}
+    wrong = {**{f"camera.{name}": True for name in members_without_message(camera)},
+             "cameras": "cameras" in request, "truth.region": "region" in truth,
              "truth.every_px": truth.get("every_px", 1) != 1,
              "truth.distance_type": truth.get("distance_type") == "float16"}
     return next((name for name, is_wrong in wrong.items() if is_wrong), None)

@@ -286,6 +286,14 @@ class RosConversions(Adapter):
                                                     "cy": 2.5, "distortion": {"k1": 0.1, "k4": 0.4}})
         self.assertEqual((info["distortion_model"], info["d"]), ("equidistant", [0.1, 0.0, 0.0, 0.4]))
         self.assertEqual(info["k"], [5.0, 0, 3.5, 0, 4.0, 2.5, 0, 0, 1])
+        rational = {"model": "opencv", "k1": 0.1, "p2": 0.2, "k6": 0.3}
+        info = selenograph_ros.camera_info_members({"model": "pinhole", "width": 8, "height": 6, "fx": 5, "fy": 4.0, "cx": 3.5,
+                                                    "cy": 2.5, "distortion": rational})
+        self.assertEqual((info["distortion_model"], info["d"]),
+                         ("rational_polynomial", [0.1, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.3]))
+        self.assertIsNone(selenograph_ros.unfit_member({"camera": {"distortion": rational}}))
+        self.assertEqual(selenograph_ros.unfit_member({"camera": {"distortion": {**rational, "s2": 0.1}}}), "camera.distortion.s2")
+        self.assertEqual(selenograph_ros.unfit_member({"camera": {"cahvor": {}}}), "camera.cahvor")
         image = selenograph_ros.image_members(numpy.arange(12, dtype=numpy.float32).reshape(2, 2, 3))
         self.assertEqual([image[name] for name in ("encoding", "step", "height", "width")], ["32FC3", 24, 2, 2])
         w, x, y, z = self.quaternion

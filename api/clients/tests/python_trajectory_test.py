@@ -185,14 +185,28 @@ class Attitudes(unittest.TestCase):
                 "focal_length_mm and pixel_pitch_um": lambda: Camera.pinhole(width=3, height=3, focal_length_mm=35),
                 "fx .and fy, cx, cy., in pixels": lambda: Camera.fisheye(width=3, height=3, fx=9, fov_deg=50),
                 "no skew": lambda: Camera.from_opencv([[9, 1, 3], [0, 9, 3], [0, 0, 1]], width=8, height=8),
-                "8 coefficients": lambda: Camera.from_opencv(np.diag([9.0, 9, 1]), [1] * 8, width=8, height=8),
+                "15 coefficients": lambda: Camera.from_opencv(np.diag([9.0, 9, 1]), [1] * 15, width=8, height=8),
+                "5 coefficients; at most k1, k2, k3, k4": lambda: Camera.from_opencv(
+                    np.diag([9.0, 9, 1]), [1] * 5, width=8, height=8, fisheye=True),
+                "an H across it": lambda: Camera.from_cahvor([0, 0, 1], [0, 0, 4], [0, 9, 4], width=8, height=8),
                 "tzinfo=timezone.utc": lambda: Sun.utc(datetime(2026, 11, 20))}.items():
             with self.assertRaisesRegex((ValueError, TypeError), words):
                 make()
 
     def test_cameras_and_suns_are_the_services(self):
         k = [[100.0, 0, 31], [0, 110, 22.5], [0, 0, 1]]
-        cameras = [Camera.from_opencv(k, [-0.1, 0.01, 1e-3, 2e-3, 1e-4], width=64, height=48),
+        everything = [0.2, 0.01, 1e-3, 2e-3, 1e-4, 0.3, 0.02, 1e-4, 1e-3, 2e-4, -1e-3, 3e-4, 0.03, -0.02]
+        self.assertEqual(Camera.from_opencv(k, everything[:5] + [0] * 9, width=64, height=48)["distortion"],
+                         {"model": "brown_conrady", **dict(zip(("k1", "k2", "p1", "p2", "k3"), everything))})
+        turn = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # the camera looks along x of a frame with z up
+        wide, camera_from_frame = Camera.from_cahvor(
+            turn @ [0, 0, 1], turn @ [90, 0, 31], turn @ [0.5, 91, 22], turn @ [0.01, 0, np.sqrt(1 - 1e-4)], [0, 0.1, 0],
+            width=64, height=48, linearity=0)
+        self.assertLess(np.abs(camera_from_frame - turn.T).max(), 1e-15)
+        self.assertLess(np.abs(np.subtract(wide["cahvor"]["V"], [0.5, 91, 22])).max(), 1e-12)
+        cameras = [Camera.from_opencv(k, [-0.1, 0.01, 1e-3, 2e-3, 1e-4], width=64, height=48), wide,
+                   Camera.from_opencv(k, everything, width=64, height=48),
+                   Camera.from_opencv(k, everything[:8], width=64, height=48),
                    Camera.from_opencv(k, [[0.01, 0.001, 0, 0]], width=64, height=48, fisheye=True),
                    Camera.from_opencv(k, None, width=64, height=48),
                    Camera.fisheye(width=64, height=48, fov_deg=150), Camera.pinhole(width=64, height=48, fx=90),
@@ -200,7 +214,7 @@ class Attitudes(unittest.TestCase):
         for camera in cameras:
             echoed = self.resolved(camera=camera)["camera"]
             for name, value in camera.items():
-                if name == "distortion":
+                if name in ("distortion", "cahvor"):
                     self.assertEqual({k: echoed[name][k] for k in value}, value)
                 elif name == "focal_length_mm":
                     self.assertAlmostEqual(echoed["fx"], 8000 / 5.5, 9)

@@ -1,4 +1,5 @@
-// "camera": a pinhole or a fisheye, by field of view, by intrinsics in pixels, or by focal length and pixel pitch.
+// "camera": a pinhole or a fisheye, by field of view, by intrinsics in pixels, or by focal length and pixel pitch; or
+// CAHVOR's vectors.
 #pragma once
 
 #include <cstdint>
@@ -9,18 +10,29 @@
 
 namespace selenograph::api {
 
-// "distortion" as a client writes it: coefficients of either model; those that the model lacks stay 0.
+enum class DistortionModel { brown_conrady, opencv, kannala_brandt };
+
+// "distortion" as a client writes it: coefficients of any model; those that the model lacks stay 0.
 struct DistortionForm {
-  engine::CameraModel model = engine::CameraModel::pinhole;  // camera model that the distortion model belongs to
-  double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;
+  DistortionModel model = DistortionModel::brown_conrady;
+  double k1 = 0, k2 = 0, k3 = 0, k4 = 0, k5 = 0, k6 = 0, p1 = 0, p2 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0;
+  double tau_x_deg = 0, tau_y_deg = 0;
 };
 
-// "camera" as a client writes it: exactly one of fov_deg, fx and focal_length_mm gives the focal length.
+// "cahvor" as a client writes it: without O it is A.
+struct CahvorForm {
+  Vec3 a = Vec3::Zero(), h = Vec3::Zero(), v = Vec3::Zero(), r = Vec3::Zero();
+  std::optional<Vec3> o;
+  double linearity = 1;
+};
+
+// "camera" as a client writes it: exactly one of fov_deg, fx, focal_length_mm and cahvor gives the focal length.
 struct CameraForm {
   engine::CameraModel model = engine::CameraModel::pinhole;
   int width = 0, height = 0;
   std::optional<double> fov_deg, fx, fy, cx, cy, focal_length_mm, pixel_pitch_um;
   std::optional<DistortionForm> distortion;
+  std::optional<engine::Cahvor> cahvor;
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 

@@ -60,9 +60,10 @@ ViewMarks::ViewMarks(const RowViews& views, int margin_px) {
   const double top = margin_px;
   const double right = camera.width - 1 - margin_px;
   const double bottom = views.height() - 1 - margin_px;
-  const double cy = views.vary() ? (top + bottom) / 2 : camera.cy;
-  if (camera.cx >= left - 0.5 && camera.cx <= right + 0.5 && cy >= top - 0.5 && cy <= bottom + 0.5)
-    set_mark(kBoresight, camera.cx, cy);
+  const auto boresight = views.reference().projection().image(Vec3::UnitZ());
+  const double x = boresight ? boresight->x : left - 1;
+  const double y = !boresight || views.vary() ? (top + bottom) / 2 : boresight->y;
+  if (x >= left - 0.5 && x <= right + 0.5 && y >= top - 0.5 && y <= bottom + 0.5) set_mark(kBoresight, x, y);
   set_mark(kFirstCorner, left, top);
   set_mark(kFirstCorner + 1, right, top);
   set_mark(kFirstCorner + 2, right, bottom);

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Optional
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from .request_body import without_none
+
+# distCoeffs of cv2.calibrateCamera, in its order.
+OPENCV_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 
 
 class Camera(dict):
@@ -22,7 +25,8 @@ class Camera(dict):
         fov_deg          horizontal, full angle (not vertical, not half); or
         fx               in pixels, with fy, cx, cy (default: fx, (width - 1) / 2, (height - 1) / 2); or
         focal_length_mm  with pixel_pitch_um
-        distortion       {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}
+        distortion       {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}; with "model": "opencv" also "k4" to "k6",
+                         "s1" to "s4", "tau_x_deg" and "tau_y_deg"
         """
         lens = None if distortion is None else {"model": "brown_conrady", **distortion}
         return cls._with_scale("pinhole", width, height, lens, fov_deg, without_none(fx=fx, fy=fy, cx=cx, cy=cy),
@@ -43,19 +47,47 @@ class Camera(dict):
                     fisheye: bool = False) -> Camera:
         """Makes a camera from OpenCV's camera matrix and distortion coefficients.
 
-        The coefficients are in OpenCV's order: k1, k2, p1, p2[, k3], or k1..k4 of cv2.fisheye. Pixels count as in
-        OpenCV, so that nothing is shifted.
+        The coefficients are in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tau_x, tau_y]]]],
+        or k1..k4 of cv2.fisheye. Pixels count as in OpenCV, so that nothing is shifted.
         """
         m = np.asarray(matrix, float)
         if m.shape != (3, 3) or abs(m[0, 1]) > 0 or m[1, 0] or tuple(m[2]) != (0, 0, 1):
             raise ValueError(f"matrix is {m.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed (no skew)")
         values = [] if distortion is None else np.asarray(distortion, float).ravel().tolist()
-        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        names = ("k1", "k2", "k3", "k4") if fisheye else OPENCV_COEFFICIENTS
         if any(values[len(names):]):
             raise ValueError(f"distortion has {len(values)} coefficients; at most {', '.join(names)} can be used")
         make = cls.fisheye if fisheye else cls.pinhole
-        return make(width=width, height=height, fx=m[0, 0], fy=m[1, 1], cx=m[0, 2], cy=m[1, 2],
-                    distortion=dict(zip(names, values)) if any(values) else None)
+        lens: Optional[Dict[str, Any]] = dict(zip(names, values)) if any(values) else None
+        if lens and not fisheye and any(values[5:]):
+            lens["model"] = "opencv"
+            for axis in "xy":  # OpenCV's angles are in radians
+                lens[f"tau_{axis}_deg"] = float(np.degrees(lens.pop(f"tau_{axis}", 0.0)))
+        elif lens and not fisheye:
+            lens = dict(list(lens.items())[:5])
+        return make(width=width, height=height, fx=m[0, 0], fy=m[1, 1], cx=m[0, 2], cy=m[1, 2], distortion=lens)
+
+    @classmethod
+    def from_cahvor(cls, a: Sequence[float], h: Sequence[float], v: Sequence[float],
+                    o: Optional[Sequence[float]] = None, r: Sequence[float] = (0, 0, 0), *, width: int, height: int,
+                    linearity: float = 1.0) -> Tuple[Camera, np.ndarray]:
+        """Makes a camera from the vectors of CAHV, CAHVOR or CAHVORE in any frame, such as a rover's.
+
+        Returns the camera and the matrix camera_from_frame, which rotates vectors of that frame into the camera's axes:
+        +z is A, +x is H without its share of A. The camera is at C. linearity: 1, or that of CAHVORE's type: 0 for
+        type 2, its parameter for type 3. E is left out: lines of sight start in C.
+        """
+        a, h, v, r = (np.asarray(vector, float) for vector in (a, h, v, r))
+        o = a if o is None else np.asarray(o, float)
+        across = h - (h @ a) * a
+        if not abs(np.linalg.norm(a) - 1) < 1e-3 or not np.linalg.norm(across) > 0:
+            raise ValueError(f"A is {a.tolist()}, H is {h.tolist()}; a unit vector A and an H across it are needed")
+        x = across / np.linalg.norm(across)
+        z = a / np.linalg.norm(a)
+        camera_from_frame = np.array([x, np.cross(z, x), z])
+        vectors = {name: (camera_from_frame @ vector).tolist() for name, vector in zip("AHVO", (a, h, v, o))}
+        cahvor = {**vectors, "R": r.tolist(), "linearity": float(linearity)}
+        return cls(model="pinhole", width=int(width), height=int(height), cahvor=cahvor), camera_from_frame
 
     @classmethod
     def _with_scale(cls, model: str, width: int, height: int, distortion: Optional[Mapping[str, Any]],
