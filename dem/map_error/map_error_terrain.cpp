@@ -157,7 +157,7 @@ std::shared_ptr<Block> MapErrorTerrain::interpolated_ground(const BlockId& id, c
     for (int c = 0; c < side; ++c) {
       const Ticks at = true_place(*block, r, c);
       InterpolatedVertex vertex = vertex_in(at.block(level), at);
-      // Where the data end at the block's northern or eastern edge, only the block itself has the vertex.
+      // Take the block's own true block where the data end at its northern or eastern edge.
       if (std::isnan(vertex.height_m) && !shifted_)
         vertex = vertex_in(ancestor_of(id, level),
                            {at.lat, static_cast<double>(block->extent.lon0 + c * block->extent.lon_step), 0, 0});
