@@ -89,20 +89,35 @@ def fly(scenario, client, campaign):
     trusted = rehearsed(CASES[0], scenario, client, requests, practice)
     rows = []
     for case in CASES:
-        known = rehearsed(case, scenario, client, requests, practice) if case is not CASES[0] else trusted
-        for knows, error in ((True, known), (False, trusted)):
-            if case is CASES[0] and not knows:
-                continue
-            folder = campaign.folder / f"{CASES.index(case)}-{'known' if knows else 'unknown'}"
-            one = dataclasses.replace(campaign, folder=folder)
-            seeds = one.begin({**campaigns.conditions_of(scenario), "case": dataclasses.asdict(case), "knows": knows})
-            for seed in seeds:
-                levels = _levels(scenario, client, requests, case.draw(scenario, seed))
-                one.fly([seed], truth, Map(levels, error, truth.post_spacing_m))
-            rows.append({"case": case.name, "knows": knows, **_figures(folder, error)})
-            campaigns.write_json(campaign.folder / "table.json", rows)
+        errors = {True: rehearsed(case, scenario, client, requests, practice) if case.draw(scenario, 0) else trusted}
+        if case.draw(scenario, 0):
+            errors[False] = trusted
+        _fly_case(case, errors, requests, truth, client, campaign)
+        for knows, error in errors.items():
+            rows.append({"case": case.name, "knows": knows, **_figures(_folder(campaign, case, knows), error)})
             print(json.dumps(rows[-1]), flush=True)
+        campaigns.write_json(campaign.folder / "table.json", rows)
     return rows
+
+
+def _folder(campaign, case, knows):
+    return campaign.folder / f"{CASES.index(case)}-{'known' if knows else 'unknown'}"
+
+
+def _fly_case(case, errors, requests, truth, client, campaign):
+    """Draws each seed's map once, for both filters."""
+    left = {}
+    for knows in errors:
+        one = dataclasses.replace(campaign, folder=_folder(campaign, case, knows))
+        left[knows] = one, one.begin({**campaigns.conditions_of(truth.scenario), "case": dataclasses.asdict(case),
+                                      "knows": knows})
+    levels = None
+    for seed in sorted({seed for _, seeds in left.values() for seed in seeds}):
+        if levels is None or case.draw(truth.scenario, 0):  # without an error all seeds have one map
+            levels = _levels(truth.scenario, client, requests, case.draw(truth.scenario, seed))
+        for knows, (one, seeds) in left.items():
+            if seed in seeds:
+                one.fly([seed], truth, Map(levels, errors[knows], truth.post_spacing_m))
 
 
 def _figures(folder, error):
