@@ -134,7 +134,7 @@ class PixelChain {
     PixelLanes p{};
     RandomWords words;
     expose(first, count, p, words);
-    return read(first, count, sensor_.detector.photon_noise ? p.counted : p.mean, p, words, image);
+    return read(first, count, collected(words, p), p, words, image);
   }
 
   // The same in two steps, between which electrons may move: what pixels collect, and what is read of it.
@@ -142,19 +142,19 @@ class PixelChain {
     PixelLanes p{};
     RandomWords words;
     expose(first, count, p, words);
-    std::copy_n(sensor_.detector.photon_noise ? p.counted : p.mean, count, electrons + first);
+    std::copy_n(collected(words, p), count, electrons + first);
   }
+  // `electrons`: as many as whole packets of kDraw pixels have.
   int read(std::size_t first, std::size_t count, const float* electrons, std::uint16_t* image) const {
     PixelLanes p{};
     RandomWords words;
     expose(first, count, p, words);
-    std::copy_n(electrons + first, count, p.counted);
-    return read(first, count, p.counted, p, words, image);
+    return read(first, count, electrons + first, p, words, image);
   }
   double max_smear_e() const { return maximum_without_outliers(smear_); }
 
  private:
-  // Computes what pixels collect: p.counted with photon noise, else p.mean.
+  // Computes the mean electrons and the fixed offsets of pixels, and draws their random numbers.
   void expose(std::size_t first, std::size_t count, PixelLanes& p, RandomWords& words) const {
     std::copy_n(&radiance_[first], count, p.radiance);
     if (!smear_.empty())
@@ -167,7 +167,13 @@ class PixelChain {
       draw_pattern(pixel, p);
     HWY_DYNAMIC_DISPATCH(ExposeLanes)(model_, p);
     if (has_noise_) draw(sensor_.seed, sensor_.frame, RandomSource::exposure, pixel, words);
-    if (sensor_.detector.photon_noise) poisson(words.word[0], p.mean, p.counted);
+  }
+
+  // Returns the electrons that exposed pixels collect: their means, with photon noise if the detector has it.
+  const float* collected(const RandomWords& words, PixelLanes& p) const {
+    if (!sensor_.detector.photon_noise) return p.mean;
+    poisson(words.word[0], p.mean, p.counted);
+    return p.counted;
   }
 
   // Reads electrons out. `words`: of expose().
@@ -268,6 +274,7 @@ double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double ta
   const Metering& metering = sensor.exposure.metering;
   const ImageRegion region = metering.region.width > 0 ? metering.region : ImageRegion{0, 0, width, height};
   std::vector<float> times_s;
+  times_s.reserve(static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height));
   double sum_smear_e = 0, sum_rate_e_s = 0;
   for (int y = region.y; y < region.y + region.height; ++y)
     for (int x = region.x; x < region.x + region.width; ++x) {
