@@ -117,6 +117,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
   if (query.request.sky && query.request.sky->stars) hashed["stars"] = hex(query.request.sky->stars->fingerprint());
   if (query.request.sky && query.request.sky->earth_map.content)
     hashed["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
+  if (const auto& sights = query.request.camera.sights) hashed["lines_of_sight"] = hex(sights->fingerprint());
   if (query.request.detail) hashed["detail"] = detail_metadata(query.detail, *query.request.detail);
   // Add what follows from epochs and memory, which the resolved request does not hold.
   if (shadows_were_relaxed(query.request.accuracy, shadow_limits_px)) hashed["shadow_limits_px"] = shadow_limits_px;

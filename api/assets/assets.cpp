@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "api/assets/sight_file.h"
 #include "api/json/ranges.h"
 #include "api/message/problem.h"
 #include "dem/base/error.h"
@@ -434,6 +435,15 @@ std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, 
                                     [](const engine::ObjectMesh& mesh) { return mesh.bytes(); });
   }
   return nullptr;
+}
+
+std::shared_ptr<const engine::SightTable> Assets::lines_of_sight(std::string_view name, const StopToken& stop) const {
+  const auto file = find_file("lines_of_sight", ".tif", name);
+  if (!file) return nullptr;
+  return find<engine::SightTable>(
+      "lines of sight", *file, stop,
+      [&](const std::string& path) { return read_sight_file(path, std::string(name), files_.capacity()); },
+      [](const engine::SightTable& sights) { return sights.bytes(); });
 }
 
 std::vector<std::string> Assets::names(std::string_view kind) const {

@@ -16,6 +16,7 @@
 #include "dem/detail/detail.h"
 #include "dem/files/files.h"
 #include "dem/value_maps/value_map.h"
+#include "engine/camera/sight_table.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/sky/star_catalogue.h"
 #include "engine/visibility/meshes/mesh_reader.h"
@@ -68,8 +69,11 @@ class Assets {
   // Returns stars/NAME.csv; format: engine::StarCatalogue::read.
   std::shared_ptr<const engine::StarCatalogue> stars(std::string_view name, const StopToken& stop = {}) const;
 
+  // Returns lines_of_sight/NAME.tif; format: read_sight_file.
+  std::shared_ptr<const engine::SightTable> lines_of_sight(std::string_view name, const StopToken& stop = {}) const;
+
   // Returns the sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels",
-  // "lidars", "map_errors", "maps", "objects", "stars").
+  // "lidars", "lines_of_sight", "map_errors", "maps", "objects", "stars").
   std::vector<std::string> names(std::string_view kind) const;
 
   // Returns a hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.

@@ -66,15 +66,18 @@ Lens::Lens(const Distortion& distortion) : distortion_(distortion), planes_(plan
 Lens::Lens(const Camera& camera)
     : distortion_(camera.cahvor ? PlaneDistortion(distortion_of(*camera.cahvor), camera.cahvor->linearity)
                                 : PlaneDistortion(camera.distortion)),
-      planes_(camera.cahvor ? planes_of(*camera.cahvor) : planes_of(camera.distortion)) {}
+      planes_(camera.cahvor ? planes_of(*camera.cahvor) : planes_of(camera.distortion)),
+      sights_(camera.sights) {}
 
 Eigen::Vector2d Lens::distorted(double x, double y) const {
+  if (sights_) return sights_->image({x, y}).value_or(Eigen::Vector2d(x, y));
   if (!planes_) return distortion_.distorted(x, y);
   const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
   return (planes_->image_from_lens * distortion_.distorted(p.x(), p.y()).homogeneous()).hnormalized();
 }
 
 Eigen::Matrix2d Lens::jacobian(double x, double y) const {
+  if (sights_) return sights_->jacobian({x, y});
   if (!planes_) return distortion_.jacobian(x, y);
   const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
   return projective_jacobian(planes_->image_from_lens, distortion_.distorted(p.x(), p.y())) *
@@ -82,6 +85,7 @@ Eigen::Matrix2d Lens::jacobian(double x, double y) const {
 }
 
 std::optional<Eigen::Vector2d> Lens::undistorted(double xd, double yd) const {
+  if (sights_) return sights_->plane({xd, yd});
   if (!planes_) return distortion_.undistorted(xd, yd);
   const Vec3 bent = planes_->lens_from_image * Vec3(xd, yd, 1);
   if (!(bent.z() > 0)) return std::nullopt;
@@ -93,6 +97,7 @@ std::optional<Eigen::Vector2d> Lens::undistorted(double xd, double yd) const {
 }
 
 bool Lens::holds(double x, double y) const {
+  if (sights_) return sights_->image({x, y}).has_value();
   if (!planes_) return distortion_.holds(x, y);
   const Vec3 p = planes_->lens_from_camera * Vec3(x, y, 1);
   if (!(p.z() > 0 && is_within_reach({x, y, 1}) && distortion_.holds(p.x() / p.z(), p.y() / p.z()))) return false;
@@ -101,6 +106,7 @@ bool Lens::holds(double x, double y) const {
 }
 
 double Lens::reach() const {
+  if (sights_) return sights_->reach();
   if (!planes_) return distortion_.reach();
   const Vec3 axis = planes_->lens_from_camera.row(2);
   const double widest = std::atan(distortion_.reach()) + std::atan2(std::hypot(axis.x(), axis.y()), axis.z());
@@ -117,7 +123,7 @@ Lens::Scale Lens::scale(double focal_px, const Eigen::Vector2d& position) const 
                          std::sqrt(std::max(0.0, half_trace * half_trace - symmetric.determinant())) +
                          std::abs(jacobian(0, 1) - jacobian(1, 0)) / 2;
   // On the plane z = 1 an angle covers up to (1 + r^2), along the radius.
-  if (!planes_ && distortion_.is_brown()) return {focal_px * stretch, focal_px * (1 + r2) * stretch};
+  if (!planes_ && !sights_ && distortion_.is_brown()) return {focal_px * stretch, focal_px * (1 + r2) * stretch};
   // Across the radius it covers only the root of that. Toward 90 degrees from the axis, where lenses compress the
   // radius, the product of both bounds would exceed the scale many times.
   const double along = 1 + r2, across = std::sqrt(along);

@@ -5,13 +5,16 @@
 //     z = 1                     lens axis = z                                             from the principal point
 //
 // Brown's and OpenCV's lenses have the camera's axis; OpenCV's tilt (tau_x, tau_y) is a homography. CAHVOR's optical
-// axis O gives the rotation, its vectors A, H and V the homography (Gennery 2006).
+// axis O gives the rotation, its vectors A, H and V the homography (Gennery 2006). A table of lines of sight is all of
+// it in one.
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <optional>
 
 #include "engine/camera/plane_distortion.h"
+#include "engine/camera/sight_table.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {
@@ -51,7 +54,8 @@ class Lens {
   static std::optional<Planes> planes_of(const Cahvor& cahvor);
 
   PlaneDistortion distortion_;
-  std::optional<Planes> planes_;  // empty: both maps are the identity
+  std::optional<Planes> planes_;              // empty: both maps are the identity
+  std::shared_ptr<const SightTable> sights_;  // null: none; else all the rest is unused
 };
 
 }  // namespace selenograph::engine

@@ -2,11 +2,14 @@
 // the top-left pixel is (0, 0).
 #pragma once
 
+#include <memory>
 #include <optional>
 
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
+
+class SightTable;
 
 // Brown-Conrady (Brown 1966) and the rest of OpenCV's model, with OpenCV's coefficients: with r^2 = x^2 + y^2 on the
 // plane z = 1 and the radial factor f = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6),
@@ -53,7 +56,7 @@ struct Cahvor {
 };
 
 enum class CameraModel {
-  pinhole,  // radius = tan theta, then `distortion` or `cahvor`
+  pinhole,  // radius = tan theta, then `distortion` or `cahvor`; or `sights`
   fisheye   // radius = theta_d of `fisheye`
 };
 
@@ -64,8 +67,10 @@ struct Camera {
   CameraModel model = CameraModel::pinhole;
   FisheyeDistortion fisheye{};
   std::optional<Cahvor> cahvor{};  // for a pinhole without `distortion`, whose fx, fy, cx and cy are the vectors'
+  // For a pinhole without either, whose fx, fy, cx and cy are those that fit the table; null: none.
+  std::shared_ptr<const SightTable> sights{};
   // Returns true if straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
-  bool rectilinear() const { return model == CameraModel::pinhole && distortion.none() && !cahvor; }
+  bool rectilinear() const { return model == CameraModel::pinhole && distortion.none() && !cahvor && !sights; }
   // Returns true if directions beyond 90 degrees from the boresight may be imaged. They have no position on the plane z
   // = 1: such a camera is described by a radius per angle (engine/camera/fisheye.h) and rendered by ray tracing only.
   bool beyond_plane() const { return model != CameraModel::pinhole; }

@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "engine/camera/projection.h"
+#include "engine/camera/sight_table.h"
 #include "engine/verify/accuracy_scenes.h"
 #include "engine/visibility/image/dense_samples.h"
 #include "tests/support/hard_views.h"
@@ -103,13 +105,34 @@ TEST_F(TwoWays, ReferenceConfirmsBoth) {
   EXPECT_LE(all.rays_wrong * 100000, all.pixels);
 }
 
-// Lenses of OpenCV's terms and CAHVOR's vectors, CAHVORE up to 75 degrees from the boresight.
+// Returns a camera by its lines of sight at every 16th pixel or so.
+engine::Camera by_lines_of_sight(const engine::Camera& camera) {
+  const engine::Projection projection(camera);
+  constexpr int kNodes = kSide / 16;
+  std::vector<Vec3> directions;
+  for (int j = 0; j < kNodes; ++j)
+    for (int i = 0; i < kNodes; ++i)
+      directions.push_back(
+          projection.direction((camera.width - 1.0) * i / (kNodes - 1), (camera.height - 1.0) * j / (kNodes - 1))
+              .value());
+  engine::Camera table{camera.width, camera.height};
+  table.sights = std::make_shared<engine::SightTable>("table", kNodes, kNodes, directions, "table.tif");
+  table.fx = table.sights->focal_px(0, camera.width);
+  table.fy = table.sights->focal_px(1, camera.height);
+  table.cx = table.sights->centre_px(0, camera.width);
+  table.cy = table.sights->centre_px(1, camera.height);
+  return table;
+}
+
+// Lenses of OpenCV's terms, as a table, and CAHVOR's vectors, CAHVORE up to 75 degrees from the boresight.
 TEST_F(TwoWays, AgreeThroughCalibratedLenses) {
   const Vec3 from = to_cartesian({-10, 44, 20000});
   const Vec3 sun = engine::sun_direction(local_axes(from), 115, 15);
   engine::FrameRequest rational = square_view(engine::tilted_pose(from, 0), kSide, 50, sun);
   rational.camera.distortion = {0.9, 0.2, 0.01, 0.001, -0.002, 1.3, 0.45, 0.06, 0.003, -0.001, -0.002, 0.0005, 4, -7};
   compare("OpenCV's terms", rational);
+  rational.camera = by_lines_of_sight(rational.camera);
+  compare("lines of sight", rational);
   for (const auto& [linearity, focal_px] : {std::pair(1.0, 400.0), {0.0, 210.0}, {-1.0, 300.0}}) {
     engine::FrameRequest request = square_view(engine::tilted_pose(from, 30), kSide, 50, sun);
     const Vec3 a = Vec3(0.02, -0.03, 1).normalized();

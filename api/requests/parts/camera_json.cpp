@@ -198,14 +198,30 @@ Camera camera_of(const engine::Cahvor& c, Camera camera) {
   return camera;
 }
 
+// Sets the pinhole that fits a table of lines of sight. Reports an image that is a single row or column.
+void set_lines_of_sight(const JsonReader& in, const Named<engine::SightTable>& sights, Camera& camera) {
+  for (const auto& [member, side] : {std::pair("width", camera.width), {"height", camera.height}})
+    if (side < 2) in.fail(member, "must be at least 2 with lines_of_sight, which go from the first pixel to the last");
+  if (camera.width < 2 || camera.height < 2) return;
+  camera.sights = sights.content;
+  camera.fx = sights.content->focal_px(0, camera.width);
+  camera.fy = sights.content->focal_px(1, camera.height);
+  camera.cx = sights.content->centre_px(0, camera.width);
+  camera.cy = sights.content->centre_px(1, camera.height);
+}
+
 std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& form, const ReadContext&) {
   const std::size_t before = in.faults();
   Camera camera{form.width, form.height};
   camera.model = form.model;
   set_distortion(in, form.distortion, camera);
   if (form.fov_deg) check_field_of_view(in, camera, *form.fov_deg);
-  if (form.cahvor && camera.model != CameraModel::pinhole) in.fail("cahvor", "is of a pinhole, not of a fisheye");
+  for (const auto& [member, given] :
+       {std::pair("cahvor", form.cahvor.has_value()), {"lines_of_sight", form.lines_of_sight.has_value()}})
+    if (given && camera.model != CameraModel::pinhole) in.fail(member, "is of a pinhole, not of a fisheye");
+  if (form.lines_of_sight) set_lines_of_sight(in, *form.lines_of_sight, camera);
   if (in.faults() != before) return std::nullopt;
+  if (form.lines_of_sight) return camera;
   if (form.cahvor) return camera_of(*form.cahvor, camera);
   camera.fx = form.fov_deg ? focal_length_px(camera, *form.fov_deg)
               : form.fx    ? *form.fx
@@ -232,7 +248,8 @@ CameraForm form_of(const Camera& c) {
   form.width = c.width;
   form.height = c.height;
   form.cahvor = c.cahvor;
-  if (c.cahvor) return form;
+  if (c.sights) form.lines_of_sight = Named<engine::SightTable>{c.sights->name(), c.sights};
+  if (c.cahvor || c.sights) return form;
   form.fx = c.fx;
   form.fy = c.fy;
   form.cx = c.cx;
@@ -261,7 +278,7 @@ const Members<CameraForm, Camera>& camera_members() {
   static const auto table = make_table<Members<CameraForm, Camera>>(
       "Camera",
       "A pinhole or a fisheye, by `fov_deg`, by `fx`, `fy`, `cx`, `cy` or by `focal_length_mm` and `pixel_pitch_um`; "
-      "or a pinhole by `cahvor`. "
+      "or a pinhole by `cahvor` or by `lines_of_sight`. "
       "The centre of the top-left pixel is (0, 0). "
       "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service "
       "limits "
@@ -283,14 +300,19 @@ const Members<CameraForm, Camera>& camera_members() {
               "distance between the centres of neighbouring pixels; with a `sensor`, that of its detector");
         m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "lens distortion; left out: none");
         m.add("cahvor", &CameraForm::cahvor, Object{cahvor_members()}, "projection of a pinhole as CAHVOR's vectors");
+        m.add("lines_of_sight", &CameraForm::lines_of_sight,
+              Asset{&Assets::lines_of_sight, "table of lines of sight", "lines_of_sight"},
+              "projection of a pinhole as directions: the name of lines_of_sight/NAME.tif of the assets folder, whose "
+              "nodes are spread evenly from the centre of the top-left pixel to that of the bottom-right one");
         m.add_condition([](const Limits&) {
           return OrderedJson{{"if", {{"properties", {{"model", {{"const", "fisheye"}}}}}, {"required", {"model"}}}},
                              {"else", {{"properties", {{"fov_deg", {{"exclusiveMaximum", kFieldOfView_deg.max}}}}}}}};
         });
-        m.exactly_one({"fov_deg", "fx", "focal_length_mm", "cahvor"});
+        m.exactly_one({"fov_deg", "fx", "focal_length_mm", "cahvor", "lines_of_sight"});
         m.excludes("fov_deg", {"fy", "cx", "cy"});
         m.excludes("focal_length_mm", {"fy", "cx", "cy"});
         m.excludes("cahvor", {"fy", "cx", "cy", "distortion"});
+        m.excludes("lines_of_sight", {"fy", "cx", "cy", "distortion"});
         m.needs("focal_length_mm", {"pixel_pitch_um"});
         m.needs("pixel_pitch_um", {"focal_length_mm"});
         m.resolve(resolve_camera);

@@ -1,10 +1,11 @@
 // "camera": a pinhole or a fisheye, by field of view, by intrinsics in pixels, or by focal length and pixel pitch; or
-// CAHVOR's vectors.
+// CAHVOR's vectors, or a table of lines of sight.
 #pragma once
 
 #include <cstdint>
 #include <optional>
 
+#include "api/schema/member_kinds.h"
 #include "api/schema/members.h"
 #include "engine/frame/camera.h"
 
@@ -26,13 +27,15 @@ struct CahvorForm {
   double linearity = 1;
 };
 
-// "camera" as a client writes it: exactly one of fov_deg, fx, focal_length_mm and cahvor gives the focal length.
+// "camera" as a client writes it: exactly one of fov_deg, fx, focal_length_mm, cahvor and
+// lines_of_sight gives the focal length.
 struct CameraForm {
   engine::CameraModel model = engine::CameraModel::pinhole;
   int width = 0, height = 0;
   std::optional<double> fov_deg, fx, fy, cx, cy, focal_length_mm, pixel_pitch_um;
   std::optional<DistortionForm> distortion;
   std::optional<engine::Cahvor> cahvor;
+  std::optional<Named<engine::SightTable>> lines_of_sight;
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 

@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""A camera by a table of lines of sight shows what the camera shows from which the table is taken."""
+
+import json
+import os
+import unittest
+
+import numpy as np
+from osgeo import gdal
+
+import harness
+from harness import frame_request
+
+WIDTH, HEIGHT, STEP = 129, 97, 8
+LENS = {"model": "pinhole", "width": WIDTH, "height": HEIGHT, "fx": 130.0, "fy": 131.0, "cx": 60.0, "cy": 50.0,
+        "distortion": {"model": "brown_conrady", "k1": -0.21, "k2": 0.06, "p1": 0.003}}
+TABLE = {"width": WIDTH, "height": HEIGHT, "lines_of_sight": "calibrated"}
+
+
+def setUpModule():
+    harness.set_up()
+    LinesOfSightTest.service = harness.service_with_assets()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def write_table(name, directions):
+    """Three float64 samples a pixel."""
+    folder = os.path.join(harness.path("assets"), "lines_of_sight")
+    os.makedirs(folder, exist_ok=True)
+    rows, columns = directions.shape[:2]
+    path = os.path.join(folder, name + ".tif")
+    file = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 3, gdal.GDT_Float64)
+    for band in range(3):
+        file.GetRasterBand(band + 1).WriteArray(directions[..., band])
+    file.FlushCache()
+
+
+def lens_directions():
+    """By fixed-point iteration of Brown's equations."""
+    u, v = np.meshgrid(np.arange(0, WIDTH, STEP, dtype=float), np.arange(0, HEIGHT, STEP, dtype=float))
+    xd, yd = (u - LENS["cx"]) / LENS["fx"], (v - LENS["cy"]) / LENS["fy"]
+    k1, k2, p1 = (LENS["distortion"][k] for k in ("k1", "k2", "p1"))
+    x, y = xd, yd
+    for _ in range(200):
+        r2 = x * x + y * y
+        f = 1 + k1 * r2 + k2 * r2 * r2
+        x, y = (xd - 2 * p1 * x * y) / f, (yd - p1 * (r2 + 2 * y * y)) / f
+    return np.stack([x, y, np.ones_like(x)], -1)
+
+
+class LinesOfSightTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        write_table("calibrated", lens_directions())
+
+    def test_frames_are_the_lens_s(self):
+        for visibility in ("raytrace", "zbuffer"):
+            lens, table = (self.service.arrays(frame_request(("position", "gsd"), camera=camera, visibility=visibility))
+                           for camera in (LENS, TABLE))
+            apart_px = np.linalg.norm(lens["position"] - table["position"], axis=-1) / lens["gsd"]
+            self.assertLess(np.nanmax(apart_px), 0.1)
+            self.assertLess(np.nanmedian(apart_px), 0.002)
+            self.assertEqual(table["meta"]["request"]["camera"]["lines_of_sight"], "calibrated")
+
+    def test_landmarks_are_the_lens_s(self):
+        place = frame_request()
+        landmarks = [{"lat_deg": 0.1 + 0.03 * i, "lon_deg": 30.1 - 0.04 * i, "height_m": 0} for i in range(-3, 4)]
+        lens, table = (json.loads(self.service.post("/v1/project", {"camera": camera, "pose": place["pose"],
+                                                                       "points": landmarks})[2])
+                       for camera in (LENS, TABLE))
+        for a, b in zip(lens["points"], table["points"]):
+            self.assertAlmostEqual(a["x_px"], b["x_px"], 2)
+            self.assertAlmostEqual(a["y_px"], b["y_px"], 2)
+
+    def test_a_changed_table_changes_the_frame(self):
+        directions = lens_directions()
+        write_table("changing", directions)
+        request = frame_request(("position",), camera=TABLE | {"lines_of_sight": "changing"})
+        before = self.service.arrays(request)["position"]
+        write_table("changing", directions + [0.05, 0, 0])
+        self.assertGreater(np.nanmedian(np.linalg.norm(self.service.arrays(request)["position"] - before, axis=-1)), 500)
+
+    def test_refusals_name_the_member_or_the_file(self):
+        mirrored = lens_directions() * [-1, 1, 1]
+        write_table("mirrored", mirrored)
+        for camera, said in ((TABLE | {"lines_of_sight": "none"}, "calibrated"),
+                             (TABLE | {"lines_of_sight": "mirrored"}, "mirrored.tif"),
+                             (TABLE | {"fov_deg": 40}, "lines_of_sight"), (TABLE | {"width": 1}, "/camera/width"),
+                             (TABLE | {"model": "fisheye"}, "/camera/lines_of_sight")):
+            status, _, body = self.service.frame(frame_request(camera=camera))
+            self.assertEqual(status // 100, 4, body[:200])
+            self.assertIn(said, body.decode())
+
+
+if __name__ == "__main__":
+    harness.main()
