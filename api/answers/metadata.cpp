@@ -40,8 +40,24 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
   }
 }
 
+// Adds warnings about charge that moves against the image, and about more time than its lines have.
+void add_tdi_warnings(const engine::DelayedIntegration& tdi, double line_time_s, const engine::FrameReport& report,
+                      OrderedJson& warnings) {
+  if (report.longest_streak_px > tdi.stages)
+    warnings.push_back(fmt::format(
+        "the image moves off its charge by {:.0f} pixels within {} stages of sensor.tdi (motion.longest_streak_px): "
+        "check tdi.reversed, the shutter's line_time_s and the camera's velocity",
+        report.longest_streak_px, tdi.stages));
+  if (report.integration_time_s > tdi.stages * line_time_s)
+    warnings.push_back(fmt::format(
+        "the integration time, {:g} s, is longer than the stages of sensor.tdi have: {} x line_time_s are {:g} s",
+        report.integration_time_s, tdi.stages, tdi.stages * line_time_s));
+}
+
 // Adds warnings about an exposure out of reach of its target, gaps in motion blur, and a signal below the noise.
-void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameReport& report, OrderedJson& warnings) {
+void add_sensor_warnings(const engine::FrameRequest& request, const engine::FrameReport& report,
+                         OrderedJson& warnings) {
+  const engine::SensorModel& sensor = *request.sensor;
   const double target = sensor.exposure.target_fill;  // share of a pixel's capacity; 0: no automatic exposure
   const double full_e = engine::saturation_e(sensor.detector);
   if (target > 0 && report.smear_fill * full_e >= engine::filled_e(sensor.detector, target))
@@ -58,7 +74,9 @@ void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameR
     warnings.push_back(fmt::format(
         "the longest streak of motion (motion.longest_streak_px) is averaged over too few moments "
         "(motion.samples): there are gaps in it; {}",
-        sensor.motion.samples ? "motion.samples may be left out or larger" : "motion.samples may be larger"));
+        sensor.motion.samples || sensor.tdi.samples ? "samples of the sensor's motion or tdi may be left out or larger"
+                                                    : "samples of the sensor's motion or tdi may be larger"));
+  if (!sensor.tdi.none()) add_tdi_warnings(sensor.tdi, request.shutter->line_time_s, report, warnings);
   const engine::Detector& d = sensor.detector;
   if (report.brightest_signal_e > 0 && report.brightest_signal_e < std::max(d.read_noise_e, d.gain_e_dn / 2))
     warnings.push_back(
@@ -84,7 +102,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                                    !sensor                  ? "raise image.full_scale_radiance"
                                    : report.smear_fill >= 1 ? "smear alone fills pixels; shorten detector.smear_time_s"
                                                             : "expose shorter"));
-  if (sensor) add_sensor_warnings(*sensor, report, warnings);
+  if (sensor) add_sensor_warnings(query.request, report, warnings);
   if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !report.lit)
     warnings.push_back(report.view.sun_elevation_deg
                            ? "no signal: nothing in view is lit (view.sun: where the Sun stands)"

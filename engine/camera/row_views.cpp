@@ -9,13 +9,6 @@
 namespace selenograph::engine {
 namespace {
 
-// Returns a line camera: one row, on which the principal point lies.
-Camera line_of(Camera camera) {
-  camera.height = 1;
-  camera.cy = 0;
-  return camera;
-}
-
 // Limit of the distance from the Moon's centre, farther than any pose of a request.
 constexpr double kFarthest_m = 2e12;
 
@@ -25,6 +18,12 @@ double turn_between(const Pose& a, const Pose& b) {
 }
 
 }  // namespace
+
+Camera line_camera(Camera camera, const Shutter& shutter) {
+  camera.height = 1;
+  camera.cy = -shutter.line_px;
+  return camera;
+}
 
 // With a turn Q and a shift s, another camera's coordinates of a point c are Q (c + s). As |Q - 1| is at most the
 // angle, |Q (c + s) - c| is at most |s| + angle (|c| + |s|).
@@ -50,7 +49,7 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
     : width_(static_cast<std::size_t>(std::max(camera.width, 0))),
       height_(camera.height),
       pushbroom_(shutter && shutter->pushbroom),
-      reference_(pushbroom_ && camera.height > 0 ? line_of(camera) : camera, pose),
+      reference_(pushbroom_ && camera.height > 0 ? line_camera(camera, *shutter) : camera, pose),
       shutter_(shutter) {
   if (!shutter) {
     bundles_ = {{reference_}};

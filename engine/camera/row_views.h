@@ -36,6 +36,9 @@ struct ViewBundle {
   double slack_m(const Vec3& point_m) const;
 };
 
+// Returns the camera of a pushbroom's rows: one row, at Shutter::line_px below the principal point.
+Camera line_camera(Camera camera, const Shutter& shutter);
+
 // Image position of a point in a frame whose rows are exposed one after the other.
 struct Sighting {
   PixelXY pixel;  // position in the frame; y is the row, not rounded
@@ -72,8 +75,7 @@ class RowViews {
     }
   };
   const Step& max_step() const { return max_step_; }
-  // Returns the camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the
-  // principal point.
+  // Returns the camera of all views: the frame's camera or, for a pushbroom, its line_camera().
   const Camera& camera() const { return reference_.camera(); }
   // Returns the row of camera() for a row of the frame.
   int line(int row) const { return pushbroom_ ? 0 : row; }

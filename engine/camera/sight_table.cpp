@@ -90,14 +90,14 @@ void SightTable::check_one_to_one(const std::string& file) {
 
 // Returns a node's slope; beyond the border, that of the parabola through the last three nodes.
 Eigen::Vector2d SightTable::node(std::ptrdiff_t column, std::ptrdiff_t row) const {
-  const auto beyond = [](std::ptrdiff_t i, std::ptrdiff_t n, const auto& at) -> Eigen::Vector2d {
+  const auto extrapolated = [](std::ptrdiff_t i, std::ptrdiff_t n, const auto& at) -> Eigen::Vector2d {
     if (i >= 0 && i < n) return at(i);
     const std::ptrdiff_t end = i < 0 ? 0 : n - 1, inward = i < 0 ? 1 : -1;
     if (n == 2) return 2 * at(end) - at(end + inward);
     return 3 * at(end) - 3 * at(end + inward) + at(end + 2 * inward);
   };
-  return beyond(row, nodes_[1], [&](std::ptrdiff_t j) {
-    return beyond(column, nodes_[0], [&](std::ptrdiff_t i) -> Eigen::Vector2d {
+  return extrapolated(row, nodes_[1], [&](std::ptrdiff_t j) {
+    return extrapolated(column, nodes_[0], [&](std::ptrdiff_t i) -> Eigen::Vector2d {
       return slopes_[static_cast<std::size_t>(j * nodes_[0] + i)];
     });
   });

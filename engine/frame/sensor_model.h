@@ -104,11 +104,22 @@ struct Motion : Rates {
   static constexpr int kMaxMoments = 65;
 };
 
+// Time delay and integration of a line camera: a row's charge is collected by `stages` lines of the detector, about
+// that through the principal point, one after the other, and moves by one line per line time. Where it does not move as
+// the image does, the row is blurred. Light is averaged over `samples` of the charge's places, as in Motion.
+struct DelayedIntegration {
+  int stages = 1;         // 1: none
+  bool reversed = false;  // false: the charge moves up (-y), as the image does of a camera that flies along its +y
+  std::optional<int> samples{};
+  bool none() const { return stages == 1; }
+};
+
 struct SensorModel {
   Optics optics;
   Detector detector;
   Exposure exposure;
   Motion motion;
+  DelayedIntegration tdi;
   std::uint64_t seed = 0;   // identifies a detector and its fixed pattern
   std::uint64_t frame = 0;  // number of the frame: each has its own noise
 };

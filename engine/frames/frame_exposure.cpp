@@ -144,17 +144,16 @@ struct ExposureMean {
 ExposureMean mean_over_exposure(const Exposing& exposing, std::span<const double> times_s,
                                 const std::vector<float>& radiance, const std::vector<double>& range_m) {
   const auto& [plan, middle, sensor, context] = exposing;
-  FrameRequest request = plan.photon_request ? *plan.photon_request : plan.request;
-  FrameRequest sky_request = plan.request;  // in the band from which the sensor derives its own
-  const Pose pose = request.pose;
-  request.products = for_radiance(request);
+  FrameRequest at_middle = plan.photon_request ? *plan.photon_request : plan.request;
+  at_middle.products = for_radiance(at_middle);
   ExposureMean mean;
   mean.radiance.assign(radiance.size(), 0.F);
   const float share = 1.F / static_cast<float>(times_s.size());
   for (const double time_s : times_s) {
     context.stop.check();
-    request.pose = moved(pose, request.sensor->motion, time_s);
-    sky_request.pose = request.pose;
+    const FrameRequest request = during_exposure(at_middle, time_s);
+    // The sky's is in the band from which the sensor derives its own.
+    const FrameRequest sky_request = during_exposure(plan.request, time_s);
     std::optional<ExposureSample> sample;
     if (time_s != 0 || sensor->wants_samples()) sample = draw_exposure_sample(exposing, request, share);
     add_points(exposing, sky_of(exposing, sky_request, sample ? sample->products.range : range_m),
@@ -192,11 +191,11 @@ CountedRadiance draw_in_photons(const Exposing& exposing, std::size_t brightest,
 void average_over_exposure(const Exposing& exposing, CountedRadiance& counted, ExposedFrame& exposed) {
   const auto& [plan, middle, sensor, context] = exposing;
   sensor->forget_points();
-  const double exposure_s = sensor->integration_time_s();
+  const double span_s = exposure_s(plan.request, sensor->integration_time_s());
   FrameReport& report = exposed.report;
-  report.longest_streak_px = longest_streak_px(plan, exposure_s, middle.selected.terrain, context);
-  report.motion_samples = exposure_sample_count(plan.request.sensor->motion, report.longest_streak_px);
-  ExposureMean mean = mean_over_exposure(exposing, exposure_sample_times_s(report.motion_samples, exposure_s),
+  report.longest_streak_px = longest_streak_px(plan, span_s, middle.selected.terrain, context);
+  report.motion_samples = exposure_sample_count(*plan.request.sensor, report.longest_streak_px);
+  ExposureMean mean = mean_over_exposure(exposing, exposure_sample_times_s(report.motion_samples, span_s),
                                          counted.radiance, exposed.products.range);
   counted.radiance = std::move(mean.radiance);
   report.shadow_limits_px = std::move(mean.shadow_limits_px);

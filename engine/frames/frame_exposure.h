@@ -15,7 +15,7 @@ namespace selenograph::engine {
 // The middle of an exposure, to which all ground truth belongs.
 struct ExposureMiddle {
   const FrameSelection& selected;
-  const PixelRays& pixel_rays;  // of all exposure samples: they differ in pose only
+  const PixelRays& pixel_rays;  // of the middle: by its angles all samples are vignetted
 };
 
 // Returns a callback that adds the samples of the middle's pixels to the sensor; empty if the sensor takes none of

@@ -87,7 +87,7 @@ FramePlan plan_frame(const FrameRequest& request, std::optional<Sensor>& sensor)
   FramePlan plan;
   plan.margin_px = sensor ? sensor->margin_px() : 0;
   plan.request = add_margin(add_ranges(request), plan.margin_px);
-  plan.moving = sensor && !request.sensor->motion.none();
+  plan.moving = sensor && !(request.sensor->motion.none() && request.sensor->tdi.none());
   plan.radiance = radiance_terms(plan.request);
   plan.emits_elsewhere = objects_emit(request.objects) || !request.temperature_maps.empty();
   if (!sensor) return plan;

@@ -13,7 +13,7 @@ struct FramePlan {
   // The request to draw: with the sensor's margin and, for craters and the sky, the range of every pixel.
   FrameRequest request;
   int margin_px = 0;             // of the sensor around the image
-  bool moving = false;           // the sensor's exposure is a mean over several poses
+  bool moving = false;           // the sensor's exposure is a mean over several times
   RadianceTerms radiance;        // terms of SENSOR++ eq. (1) that all pixels share
   bool emits_elsewhere = false;  // an object emits, or the ground by a temperature map
   // Request for radiance in the band in which the sensor counts photons, if that differs from the request's band.

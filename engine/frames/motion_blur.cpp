@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/sensor/sensor.h"
 #include "engine/visibility/objects/objects_in_frame.h"
@@ -47,6 +48,36 @@ class PointTracker {
   std::vector<View> views_;
 };
 
+// Returns the view of the middle row at a time of the exposure.
+View middle_row_view(const FrameRequest& request, double time_s) {
+  const FrameRequest at_time = during_exposure(request, time_s);
+  const Shutter& shutter = *at_time.shutter;
+  const double row_time_s = shutter.time_s((request.camera.height - 1) / 2.0);
+  return {line_camera(request.camera, shutter), PoseTrack(request.pose, shutter).at(row_time_s)};
+}
+
+// Returns how far the image of the ground that the middle row sees moves off the row's charge, from the first stage to
+// the last.
+double longest_drift_px(const FrameRequest& request, double exposure_s, double ground_m) {
+  const View middle = middle_row_view(request, 0);
+  double longest_px = 0;
+  constexpr int kPlaces = 8;
+  for (const double share : {-0.5, 0.5}) {
+    const View end = middle_row_view(request, share * exposure_s);
+    for (int i = 0; i <= kPlaces; ++i) {
+      const double x_px = (request.camera.width - 1) * static_cast<double>(i) / kPlaces;
+      const auto ray = middle.ray(x_px, 0);
+      if (!ray) continue;
+      const Vec3 direction = ray->normalized();
+      const double range =
+          request.terrain ? range_to_sphere(middle.position(), direction, kMoonRadius_m + ground_m) : kFar_m;
+      const auto pixel = end.project(middle.position() + range * direction);
+      if (pixel) longest_px = std::max(longest_px, 2 * std::hypot(pixel->x - x_px, pixel->y));
+    }
+  }
+  return longest_px;
+}
+
 // Height above the datum of the ground below the plan's camera, m; of the highest terrain for a camera above all of it.
 double height_below_camera_m(const FramePlan& plan, const Selection& selection, const RenderContext& context) {
   const Vec3& camera_m = plan.request.pose.position_m;
@@ -60,6 +91,7 @@ double height_below_camera_m(const FramePlan& plan, const Selection& selection, 
 
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects) {
+  if (!request.sensor->tdi.none()) return longest_drift_px(request, integration_time_s, ground_m);
   PointTracker tracker(request, integration_time_s);
   const View& middle = tracker.middle();
   const Camera& camera = request.camera;
@@ -90,8 +122,24 @@ double longest_streak_px(const FramePlan& plan, double integration_time_s, const
                            balls_around(plan.request.objects));
 }
 
-int exposure_sample_count(const Motion& motion, double longest_streak_px) {
-  if (motion.samples) return *motion.samples;
+FrameRequest during_exposure(FrameRequest request, double time_s) {
+  if (const DelayedIntegration& tdi = request.sensor->tdi; !tdi.none()) {
+    Shutter& shutter = *request.shutter;
+    shutter.delay_s = time_s;
+    shutter.line_px = (tdi.reversed ? 1 : -1) * time_s / shutter.line_time_s;
+    return request;
+  }
+  request.pose = moved(request.pose, request.sensor->motion, time_s);
+  return request;
+}
+
+double exposure_s(const FrameRequest& request, double integration_time_s) {
+  const DelayedIntegration& tdi = request.sensor->tdi;
+  return tdi.none() ? integration_time_s : tdi.stages * request.shutter->line_time_s;
+}
+
+int exposure_sample_count(const SensorModel& sensor, double longest_streak_px) {
+  if (const auto& samples = sensor.tdi.none() ? sensor.motion.samples : sensor.tdi.samples) return *samples;
   const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMaxMoments})));
   return std::clamp(pixels | 1, 1, Motion::kMaxMoments);
 }
@@ -106,8 +154,9 @@ std::vector<double> exposure_sample_times_s(int count, double integration_time_s
 std::vector<double> exposure_sample_times_s(const FramePlan& plan, double integration_time_s,
                                             const Selection& selection, const RenderContext& context) {
   if (!plan.moving) return {0};
-  const double streak_px = longest_streak_px(plan, integration_time_s, selection, context);
-  return exposure_sample_times_s(exposure_sample_count(plan.request.sensor->motion, streak_px), integration_time_s);
+  const double span_s = exposure_s(plan.request, integration_time_s);
+  const double streak_px = longest_streak_px(plan, span_s, selection, context);
+  return exposure_sample_times_s(exposure_sample_count(*plan.request.sensor, streak_px), span_s);
 }
 
 }  // namespace selenograph::engine

@@ -1,4 +1,5 @@
-// Samples in time of an exposure in motion: how many, and when.
+// Samples in time of an exposure during which the image moves, or a row's charge does not move as the image: how many,
+// when, and what each sees.
 #pragma once
 
 #include <cstddef>
@@ -22,8 +23,15 @@ double longest_streak_px(const FrameRequest& request, double integration_time_s,
 double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
                          const RenderContext& context);
 
+// Returns the request as it is seen at a time of its exposure, seconds from the middle: by the moved camera, or by the
+// detector's line on which the rows' charge is then.
+FrameRequest during_exposure(FrameRequest request, double time_s);
+
+// Returns how long a pixel's or a row's charge collects light: through all stages of a delayed integration.
+double exposure_s(const FrameRequest& request, double integration_time_s);
+
 // Number of exposure samples: as requested, or the streak's length in pixels, odd, at most Motion::kMaxMoments.
-int exposure_sample_count(const Motion& motion, double longest_streak_px);
+int exposure_sample_count(const SensorModel& sensor, double longest_streak_px);
 
 // Times of the exposure samples, seconds from the exposure's middle.
 std::vector<double> exposure_sample_times_s(int count, double integration_time_s);

@@ -49,14 +49,36 @@ TEST(MotionBlur, TheStreakOfATurn) {
   EXPECT_GT(longest_streak_px(request, 0.5, 0, {}), 600);
 }
 
+// A pushbroom that flies along its +y, by 1.02 lines per line time: over 32 stages the image is ahead by 0.64 lines.
+TEST(MotionBlur, TheDriftOfDelayedIntegration) {
+  FrameRequest request = looking_down(20000);
+  request.camera.height = 65;
+  const double line_time_s = 0.01, line_m = 20000 / request.camera.fx;
+  Shutter& shutter = request.shutter.emplace();
+  shutter.line_time_s = line_time_s;
+  shutter.pushbroom = true;
+  const Vec3 ahead = request.pose.camera_from_moon.conjugate() * Vec3::UnitY();
+  const auto drift_px = [&](double lines, bool reversed) {
+    shutter.rates.velocity_m_s = lines * line_m / line_time_s * ahead;
+    request.sensor->tdi = {32, reversed};
+    return longest_streak_px(request, exposure_s(request, 1), 0, {});
+  };
+  EXPECT_NEAR(drift_px(1.02, false), 0.64, 0.02);
+  EXPECT_NEAR(drift_px(0.95, false), 1.6, 0.02);
+  EXPECT_LT(drift_px(1, false), 0.02);
+  EXPECT_LT(drift_px(-1, true), 0.02);
+  EXPECT_NEAR(drift_px(1, true), 64, 0.1);
+  EXPECT_NEAR(exposure_s(request, 1), 0.32, 1e-15);
+}
+
 TEST(MotionBlur, AsManyMomentsAsPixels) {
-  Motion motion;
+  SensorModel sensor;
   for (const auto& [streak_px, samples] :
        {std::pair{0.0, 1}, {0.9, 1}, {1.5, 3}, {3.0, 3}, {3.1, 5}, {40.0, 41}, {64.5, 65}, {1e9, 65}})
-    EXPECT_EQ(exposure_sample_count(motion, streak_px), samples) << streak_px;
-  EXPECT_EQ(exposure_sample_count(motion, INFINITY), 65);
-  motion.samples = 4;
-  EXPECT_EQ(exposure_sample_count(motion, 40), 4);
+    EXPECT_EQ(exposure_sample_count(sensor, streak_px), samples) << streak_px;
+  EXPECT_EQ(exposure_sample_count(sensor, INFINITY), 65);
+  sensor.motion.samples = 4;
+  EXPECT_EQ(exposure_sample_count(sensor, 40), 4);
   const auto moments = exposure_sample_times_s(4, 0.8);
   ASSERT_EQ(moments.size(), 4U);
   EXPECT_NEAR(moments[0], -0.3, 1e-15);

@@ -18,6 +18,7 @@
 namespace selenograph::api {
 namespace {
 
+using engine::DelayedIntegration;
 using engine::Detector;
 using engine::Metering;
 using engine::Motion;
@@ -328,6 +329,27 @@ const Members<Motion>& motion_members() {
   return *table;
 }
 
+const Members<DelayedIntegration>& tdi_members() {
+  static const auto table = make_table<Members<DelayedIntegration>>(
+      "Tdi",
+      "Time delay and integration of a pushbroom: a row's charge is collected by several lines of the detector, about "
+      "that through cy, one after the other, and moves continuously by one line per line_time_s. Where the image moves "
+      "otherwise, as its rates and the ground say, the row is blurred; motion.longest_streak_px has by how much. All "
+      "light is collected within integration_time_s, at most stages x line_time_s. `prnu` and `dsnu_e` are those of "
+      "the columns read out. Other products are those of the middle line.",
+      [](auto& m) {
+        m.add("stages", &DelayedIntegration::stages, Integer{2, 1024}, "lines that collect a row's charge").required();
+        m.add("reversed", &DelayedIntegration::reversed, Flag{},
+              "false: the charge moves up (-y), for a camera that flies along its +y; true: down");
+        m.add(
+            "samples", &DelayedIntegration::samples, Integer{1, 256},
+            fmt::format("places of the charge over which light is averaged; left out: the longest streak in pixels, at "
+                        "most {}",
+                        Motion::kMaxMoments));
+      });
+  return *table;
+}
+
 }  // namespace
 
 const Members<SensorModel>& sensor_members() {
@@ -346,6 +368,8 @@ const Members<SensorModel>& sensor_members() {
             .written_if([](const SensorModel& sensor) { return sensor.exposure.target_fill > 0; });
         m.add("motion", &SensorModel::motion, Object{motion_members()}, "left out: none")
             .written_if([](const SensorModel& sensor) { return !sensor.motion.none(); });
+        m.add("tdi", &SensorModel::tdi, Object{tdi_members()}, "of a pushbroom; left out: a single line")
+            .written_if([](const SensorModel& sensor) { return !sensor.tdi.none(); });
         m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "identifies the detector and its fixed pattern");
         m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: each has its own noise");
         m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
@@ -446,6 +470,8 @@ void check_sensor(const JsonReader& in, const engine::FrameRequest& request) {
   if (const engine::ImageRegion& region = sensor.exposure.metering.region; region.width > 0)
     check_region(in.at("sensor").at("exposure").at("metering"), region, request.camera);
   if (request.shutter) check_sensor_with_shutter(in, sensor, *request.shutter);
+  if (!sensor.tdi.none() && !(request.shutter && request.shutter->pushbroom))
+    in.at("sensor").fail("tdi", "needs a \"shutter\" with \"pushbroom\": true: rows that one line images in turn");
   check_pitch(in, sensor);
   check_stray_light(in, request);
   if (!request.band) return;
