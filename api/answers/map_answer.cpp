@@ -131,7 +131,11 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                      {"version", software_version()},
                      {"representation", media_type}};
   if (const auto& detail = query.request.scenery.detail) hashed["detail"] = detail_metadata(query.detail, *detail);
-  if (query.map_error) hashed["map_error"] = map_error_metadata(*query.map_error);
+  if (query.map_error) {
+    hashed["map_error"] = map_error_metadata(*query.map_error);
+    for (const dem::MapError::Field& field : query.map_error->error.height)
+      if (field.layer.content) hashed["layers"].push_back(field.layer.content->fingerprint());
+  }
   if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
   return content_hash(json_text(hashed));
 }

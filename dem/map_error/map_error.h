@@ -15,15 +15,26 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <string>
 #include <vector>
 
 namespace selenograph::dem {
 
+class ValueMap;
+
 struct MapError {
+  // A product's layer of errors: the standard deviation of heights by place, m.
+  struct Layer {
+    std::string name;
+    std::shared_ptr<const ValueMap> content;  // null: none
+    bool operator==(const Layer&) const = default;
+  };
   // A random field of zero mean. The sum of several has a spectrum of several scales; their variances add up.
   struct Field {
-    double standard_deviation = 0;      // m of heights; a share of the albedo
+    double standard_deviation = 0;      // m of heights; a share of the albedo; with a layer the largest
     double correlation_length_m = 500;  // distance over which the correlation falls to 1/e, as exp(-(d/L)^2)
+    Layer layer{};                      // the field's standard deviation by place; 0 where it has no data
     bool operator==(const Field&) const = default;
   };
   // Place where shift and tilt apply as stated, and height that the scale leaves unchanged.

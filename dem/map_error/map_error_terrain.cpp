@@ -171,8 +171,8 @@ std::shared_ptr<Block> MapErrorTerrain::interpolated_ground(const BlockId& id, c
   return has_data ? block : nullptr;
 }
 
-void MapErrorTerrain::apply_errors(Block& block) const {
-  SurfaceError::Cursors cursors = surface_.cursors();
+void MapErrorTerrain::apply_errors(Block& block, const StopToken& stop) const {
+  SurfaceError::Cursors cursors = surface_.cursors(stop);
   if (surface_.changes_albedo() && block.brightness.empty())
     block.brightness.assign(block.vertices.size(), kBrightnessOfOne);
   for (int r = 0; r < block.side(); ++r)
@@ -204,7 +204,7 @@ std::shared_ptr<const Block> MapErrorTerrain::block(const BlockId& id, const Sto
       key,
       [&] {
         if (!ground) return BlockCache::Loaded{nullptr, sizeof(Block)};
-        apply_errors(*ground);
+        apply_errors(*ground, stop);
         ground->pack();
         ground->error_m = info.error_m;
         ground->detail_error_m = info.detail_error_m;

@@ -59,7 +59,7 @@ class MapErrorTerrain final : public TerrainOverlay {
   std::shared_ptr<Block> interpolated_ground(const BlockId& id, const StopToken& stop) const;
   // Returns the place of the true ground that a vertex of a block shows.
   Ticks true_place(const Block& block, int r, int c) const;
-  void apply_errors(Block& block) const;
+  void apply_errors(Block& block, const StopToken& stop) const;
 
   const std::shared_ptr<const Terrain> truth_;
   const SurfaceError surface_;

@@ -60,15 +60,44 @@ SurfaceError::Added SurfaceError::tilt_at(const Vec3& direction) const {
   return {faded * uphill_m, faded * (uphill_ - uphill_m / kReachSquare_m2 * from_about_m)};
 }
 
+SurfaceError::Cursors SurfaceError::cursors(const StopToken& stop) const {
+  Cursors cursors{
+      std::vector<GaussianField::Cursor>(height_.size()), std::vector<GaussianField::Cursor>(albedo_.size()), {}};
+  for (const MapError::Field& field : error_.height) {
+    auto& layer = cursors.layers.emplace_back();
+    if (field.layer.content) layer.emplace(*field.layer.content, stop);
+  }
+  return cursors;
+}
+
+// A layer multiplies the field by its share of the largest standard deviation; its slope is taken over 20 m.
+SurfaceError::Added SurfaceError::field_at(std::size_t i, const Vec3& direction, Cursors& cursors) const {
+  const GaussianField::Sample sample = height_[i].at(kMoonRadius_m * direction, cursors.height[i]);
+  if (!cursors.layers[i]) return {sample.value, sample.gradient};
+  const auto share_at = [&](const Vec3& toward) {
+    const Geographic place = to_geographic(toward);
+    const double m = cursors.layers[i]->mean({place.lat_deg, place.lon_deg, {0, 0}, {0, 0}}).value;
+    return m > 0 ? std::min(m / height_[i].standard_deviation(), 1.0) : 0.0;
+  };
+  const EastNorthUp axes = local_axes(direction);
+  constexpr double kStep = 10 / kMoonRadius_m;
+  Vec3 slope = Vec3::Zero();
+  for (const Vec3& along : {axes.east, axes.north})
+    slope += (share_at(direction + kStep * along) - share_at(direction - kStep * along)) / (2 * kStep * kMoonRadius_m) *
+             along;
+  const double share = share_at(direction);
+  return {share * sample.value, share * sample.gradient + sample.value * slope};
+}
+
 SurfaceError::Ground SurfaceError::apply(const Vec3& direction, const Ground& ground, Cursors& cursors) const {
   constexpr double kMargin_m = 1, kMaxAlbedo = 3.99;  // a post at a bound of lunar relief counts as no-data
   const double about_m = error_.about.height_m;
   Added added = tilt_at(direction);
   const Vec3 on_sphere_m = kMoonRadius_m * direction;
   for (std::size_t i = 0; i < height_.size(); ++i) {
-    const GaussianField::Sample sample = height_[i].at(on_sphere_m, cursors.height[i]);
-    added.height_m += sample.value;
-    added.gradient += sample.gradient;
+    const Added field = field_at(i, direction, cursors);
+    added.height_m += field.height_m;
+    added.gradient += field.gradient;
   }
   double albedo = 1;
   for (std::size_t i = 0; i < albedo_.size(); ++i) albedo += albedo_[i].at(on_sphere_m, cursors.albedo[i]).value;

@@ -1,12 +1,15 @@
 // A map's errors at single places: where its ground comes from, and what its heights, normals and albedo become.
 #pragma once
 
+#include <optional>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/block.h"
 #include "dem/grid/geodesy.h"
 #include "dem/map_error/gaussian_field.h"
 #include "dem/map_error/map_error.h"
+#include "dem/value_maps/value_map.h"
 
 namespace selenograph::dem {
 
@@ -29,11 +32,12 @@ class SurfaceError {
   };
   struct Cursors {
     std::vector<GaussianField::Cursor> height, albedo;
+    std::vector<std::optional<ValueMap::Sampler>> layers;  // of heights
   };
-  Cursors cursors() const {
-    return {std::vector<GaussianField::Cursor>(height_.size()), std::vector<GaussianField::Cursor>(albedo_.size())};
-  }
-  // Applies scale, tilt and the random fields to the ground that the map shows at a direction.
+  // `stop` must outlive the cursors.
+  Cursors cursors(const StopToken& stop) const;
+  // Applies scale, tilt and the random fields to the ground that the map shows at a direction. Throws DataError where a
+  // layer's file cannot be read, Cancelled when the cursors' `stop` is requested.
   Ground apply(const Vec3& direction, const Ground& ground, Cursors& cursors) const;
 
   bool changes_albedo() const { return !albedo_.empty(); }
@@ -51,6 +55,7 @@ class SurfaceError {
     Vec3 gradient;  // on the sphere of the datum, per metre
   };
   Added tilt_at(const Vec3& direction) const;
+  Added field_at(std::size_t i, const Vec3& direction, Cursors& cursors) const;
 
   MapError error_;
   Eigen::Matrix3d true_from_map_;

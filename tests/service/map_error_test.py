@@ -65,6 +65,26 @@ class MapErrors(WithService):
         again = self.map(map_error=error)["height"] - truth
         self.assertTrue(np.array_equal(wrong, again))
 
+    def test_a_layer_gives_the_deviation_by_place(self):
+        """4 m in the east, 1 m in the west, 0 outside; 3 m are the most."""
+        with open(os.path.join(self.folder, "maps", "errors.asc"), "w") as f:
+            f.write("ncols 4\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 1 4 4\n1 1 4 4\n")
+        with open(os.path.join(self.folder, "maps", "errors.json"), "w") as f:
+            json.dump({"file": "errors.asc", "extent": {"south_deg": -0.25, "north_deg": 0.25, "west_deg": 29.6, "east_deg": 30.4}}, f)
+        field = {"standard_deviation_m": 3.0, "correlation_length_m": 300.0}
+        truth, whole, layered = (self.map(products=("height", "geodetic"), **error) for error in (
+            {}, {"map_error": {"seed": 7, "height": [field]}}, {"map_error": {"seed": 7, "height": [field | {"layer": "errors"}]}}))
+        error, at_most = layered["height"] - truth["height"], whole["height"] - truth["height"]
+        lat, lon = layered["geodetic"][..., 0], layered["geodetic"][..., 1]
+        west, east, outside = (lon < 29.85) & (abs(lat) < 0.2), (lon > 30.15) & (abs(lat) < 0.2), abs(lat) > 0.26
+        self.assertGreater(min(west.sum(), east.sum(), outside.sum()), 1000)
+        np.testing.assert_allclose(error[west], at_most[west] / 3, atol=2e-3)
+        np.testing.assert_allclose(error[east], at_most[east], atol=2e-3)
+        np.testing.assert_array_equal(error[outside], 0)
+        self.assertEqual(layered["meta"]["map_error"]["height"][0]["layer"], "errors")
+        slope = self.map(products=("slope",), map_error={"seed": 7, "height": [field | {"layer": "errors"}]})["slope"]
+        self.assertFalse(np.isnan(slope).any())
+
     def test_maps_rays_and_heights_are_of_one_map(self):
         error = {"seed": 4, "height": [{"standard_deviation_m": 5.0, "correlation_length_m": 600.0}],
                  "about": {**PLACE, "height_m": -100.0}, "shift": {"north_m": 250.0, "east_m": -130.0}, "scale": 1.02,

@@ -296,7 +296,8 @@ TEST_F(MapErrorOnWaves, NormalsAreThoseOfTheHeights) {
   MapError error = all_errors();
   error.shift = {};
   const SurfaceError surface(error);
-  SurfaceError::Cursors cursors = surface.cursors();
+  const StopToken never;
+  SurfaceError::Cursors cursors = surface.cursors(never);
   constexpr double kStep_m = 0.5;
   for (const Geographic& p : places(100)) {
     const Vec3 up = direction_of(p.lat_deg, p.lon_deg);

@@ -17,12 +17,24 @@ constexpr std::int64_t kMaxMapErrorSeed = std::int64_t{1} << 53;
 constexpr const char* kCorrelationLength =
     "distance over which the correlation falls to 1/e: it is exp(-(d/L)^2) within 0.008";
 
+const auto layer_field = Property{[](const MapError::Field& field) -> std::optional<Named<dem::ValueMap>> {
+                                    if (!field.layer.content) return std::nullopt;
+                                    return Named<dem::ValueMap>{field.layer.name, field.layer.content};
+                                  },
+                                  [](MapError::Field& field, Named<dem::ValueMap> layer) {
+                                    field.layer = {std::move(layer.name), std::move(layer.content)};
+                                  }};
+
 const Members<MapError::Field>& height_error_members() {
   static const auto table = make_table<Members<MapError::Field>>(
       "HeightErrorField", "A Gaussian random field of zero mean that is added to the heights.", [](auto& m) {
         m.add("standard_deviation_m", &MapError::Field::standard_deviation, Number{{0, 100}, "m"},
-              "standard deviation of the heights' error")
+              "standard deviation of the heights' error; with a `layer`, the largest that it gives: what is above is "
+              "cut")
             .required();
+        m.add("layer", layer_field, Asset{&Assets::map, "map", "maps"},
+              "a product's layer of height errors: maps/NAME.json of the assets folder, whose values are the standard "
+              "deviation at each place in metres, 0 where it has no data; left out: the same everywhere");
         m.add("correlation_length_m", &MapError::Field::correlation_length_m, Number{kCorrelationLength_m, "m"},
               kCorrelationLength)
             .required();
