@@ -40,6 +40,7 @@ void add_places(Members<Query>& m) {
   m.add("places", &Query::places, List{Object{place_members()}, 1, max_places}, "places of the eyes, instead of a map")
       .written_if([](const Query& q) { return !q.places.empty(); });
   m.add("detail", &Query::detail, DetailName{}, kDetailMeaning);
+  add_map_error(m);
   m.add("horizon", &Query::horizon, Object{horizon_members()}, "the horizons");
   m.exactly_one({"map", "places"});
 }

@@ -8,6 +8,7 @@
 #include "api/requests/map_json.h"
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/epochs.h"
+#include "api/requests/parts/map_error_json.h"
 #include "engine/horizons/map_horizons.h"
 
 namespace selenograph::api {
@@ -18,6 +19,7 @@ struct HorizonsQuery {
   dem::MapGrid grid{};             // of the map
   std::vector<Geographic> places;  // without a map
   Named<dem::Detail> detail{};     // null: none
+  std::optional<MapErrorQuery> map_error{};
   engine::HorizonOptions horizon;
 
   std::size_t size() const {

@@ -60,9 +60,9 @@ struct Work {
   bool write(const Query& of, std::string_view media_type, const std::string& path,
              const engine::HorizonProgress& progress) const {
     const api::Response answer = api::answer_or_problem({}, [&] {
-      const auto found = renderer.query(of.detail.content, {}, [&](const engine::RenderContext& rendering) {
-        return api::find(of, rendering, progress);
-      });
+      const auto found =
+          renderer.query(of.detail.content, api::MapErrorQuery::of(of.map_error), {},
+                         [&](const engine::RenderContext& rendering) { return api::find(of, rendering, progress); });
       api::Response encoded;
       encoded.body = api::encode(of, found, media_type, {});
       return encoded;

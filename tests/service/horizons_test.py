@@ -66,6 +66,14 @@ class Horizons(unittest.TestCase):
                 checked += 1
         self.assertGreaterEqual(checked, 2)
 
+    def test_a_tilted_map_tilts_its_horizon(self):
+        body = {"places": [PLACE], "horizon": {"azimuths": 72, "farthest_km": 4}}
+        error = {"about": PLACE, "tilt": {"slope_deg": 0.4, "azimuth_deg": 90}}
+        true, tilted = (np.array(self.ask("/v1/horizons", {**body, **more})["places"][0]["elevation_deg"])
+                        for more in ({}, {"map_error": error}))
+        azimuth = np.radians(np.arange(72) * 5.0)
+        self.assertLess(np.abs(tilted - true - 0.4 * np.sin(azimuth)).max(), 0.02)
+
     def on_the_wrong_side(self, service, places, horizon, offsets_deg):
         """Shares of rays from the eyes that hit ground above the horizons found, or miss it below them, by offset."""
         status, _, body = service.post("/v1/horizons", {"places": places, "horizon": horizon}, "application/json")
