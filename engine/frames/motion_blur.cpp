@@ -87,6 +87,18 @@ double height_below_camera_m(const FramePlan& plan, const Selection& selection, 
   return std::isnan(height_m) ? double{dem::kLowestRelief_m} : height_m;
 }
 
+// Height above the datum of the ground in the middle of the plan's image, m.
+double height_in_middle_m(const FramePlan& plan, const RenderContext& context) {
+  const View middle = middle_row_view(plan.request, 0);
+  const auto ray = middle.ray((plan.request.camera.width - 1) / 2.0, 0);
+  if (!plan.request.terrain || !ray) return 0;
+  const Vec3 direction = ray->normalized();
+  const Geographic seen =
+      to_geographic(middle.position() + range_to_sphere(middle.position(), direction, kMoonRadius_m) * direction);
+  const double height_m = context.terrain.height(seen.lat_deg, seen.lon_deg, context.stop).height_m;
+  return std::isnan(height_m) ? 0 : height_m;
+}
+
 }  // namespace
 
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
@@ -118,8 +130,9 @@ double longest_streak_px(const FrameRequest& request, double integration_time_s,
 
 double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
                          const RenderContext& context) {
-  return longest_streak_px(plan.request, integration_time_s, height_below_camera_m(plan, selection, context),
-                           balls_around(plan.request.objects));
+  const double ground_m = plan.request.sensor->tdi.none() ? height_below_camera_m(plan, selection, context)
+                                                          : height_in_middle_m(plan, context);
+  return longest_streak_px(plan.request, integration_time_s, ground_m, balls_around(plan.request.objects));
 }
 
 FrameRequest during_exposure(FrameRequest request, double time_s) {

@@ -19,7 +19,8 @@ namespace selenograph::engine {
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects);
 
-// The same for the plan's request, with the ground below its camera.
+// The same for the plan's request, with the ground below its camera; of a delayed integration, whose charge follows the
+// image, with that in the image's middle.
 double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
                          const RenderContext& context);
 

@@ -48,6 +48,8 @@ BODIES = {
         dict(FRAME, surface={"reflectance": {"model": "hapke", "terms": "2002"}}),
         dict(FRAME, products=["image"], image={}),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=SENSOR),
+        dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(SENSOR, tdi={"stages": 4}),
+             shutter={"line_time_s": 0.01, "velocity_m_s": [0, 0, 1600], "pushbroom": True}),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
             SENSOR, optics={"f_number": 4.0, "stray_light": {"b0_sr": 1.0, "shoulder": 0.01, "slope": -1.5}})),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(

@@ -72,7 +72,7 @@ class Horizons(unittest.TestCase):
         true, tilted = (np.array(self.ask("/v1/horizons", {**body, **more})["places"][0]["elevation_deg"])
                         for more in ({}, {"map_error": error}))
         azimuth = np.radians(np.arange(72) * 5.0)
-        self.assertLess(np.abs(tilted - true - 0.4 * np.sin(azimuth)).max(), 0.02)
+        self.assertLess(np.abs(tilted - true - 0.4 * np.sin(azimuth)).max(), 0.06)
 
     def on_the_wrong_side(self, service, places, horizon, offsets_deg):
         """Shares of rays from the eyes that hit ground above the horizons found, or miss it below them, by offset."""

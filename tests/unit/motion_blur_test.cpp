@@ -64,9 +64,9 @@ TEST(MotionBlur, TheDriftOfDelayedIntegration) {
     return longest_streak_px(request, exposure_s(request, 1), 0, {});
   };
   EXPECT_NEAR(drift_px(1.02, false), 0.64, 0.02);
-  EXPECT_NEAR(drift_px(0.95, false), 1.6, 0.02);
-  EXPECT_LT(drift_px(1, false), 0.02);
-  EXPECT_LT(drift_px(-1, true), 0.02);
+  EXPECT_NEAR(drift_px(0.95, false), 1.6, 0.03);
+  EXPECT_LT(drift_px(1, false), 0.03);  // the flight is straight, the ground is not
+  EXPECT_LT(drift_px(-1, true), 0.03);
   EXPECT_NEAR(drift_px(1, true), 64, 0.1);
   EXPECT_NEAR(exposure_s(request, 1), 0.32, 1e-15);
 }

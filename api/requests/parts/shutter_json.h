@@ -13,6 +13,7 @@
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/pose_json.h"
 #include "engine/frame/camera.h"
+#include "engine/frame/request.h"
 #include "engine/frame/shutter.h"
 
 namespace selenograph::api {
