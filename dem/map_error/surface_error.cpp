@@ -75,8 +75,8 @@ SurfaceError::Added SurfaceError::field_at(std::size_t i, const Vec3& direction,
   const GaussianField::Sample sample = height_[i].at(kMoonRadius_m * direction, cursors.height[i]);
   if (!cursors.layers[i]) return {sample.value, sample.gradient};
   const auto share_at = [&](const Vec3& toward) {
-    const Geographic place = to_geographic(toward);
-    const double m = cursors.layers[i]->mean({place.lat_deg, place.lon_deg, {0, 0}, {0, 0}}).value;
+    const Geographic at = to_geographic(toward);
+    const double m = cursors.layers[i]->mean({at.lat_deg, at.lon_deg, {0, 0}, {0, 0}}).value;
     return m > 0 ? std::min(m / height_[i].standard_deviation(), 1.0) : 0.0;
   };
   const EastNorthUp axes = local_axes(direction);

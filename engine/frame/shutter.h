@@ -23,8 +23,8 @@ struct Shutter {
   bool pushbroom = false;
   // Row number of the image's top row: negative if the frame is rendered with a margin.
   int first_row = 0;
-  // Where a line camera that collects a row's charge in several places has it, lines below the principal point, and when,
-  // after the row's own time.
+  // A line camera may collect a row's charge in several places: this one is so many lines below the principal point,
+  // and the charge is there so long after the row's own time.
   double line_px = 0, delay_s = 0;
 
   // Returns the exposure time of a row. Fractional rows are valid: a pixel is a square around an integer position.

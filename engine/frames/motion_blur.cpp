@@ -95,7 +95,7 @@ double height_in_middle_m(const FramePlan& plan, const RenderContext& context) {
   const Vec3 direction = ray->normalized();
   const Geographic seen =
       to_geographic(middle.position() + range_to_sphere(middle.position(), direction, kMoonRadius_m) * direction);
-  const double height_m = context.terrain.height(seen.lat_deg, seen.lon_deg, context.stop).height_m;
+  const double height_m = context.terrain.height(ground.lat_deg, ground.lon_deg, context.stop).height_m;
   return std::isnan(height_m) ? 0 : height_m;
 }
 

@@ -73,7 +73,7 @@ def frames():
     yield small(("image", "radiance"), band={"center_um": 0.65, "width_um": 0.3}, sensor=exposed)
     yield small(("image",), band={"center_um": 0.65, "width_um": 0.3}, sensor={
         "optics": {"f_number": 4.0}, "tdi": {"stages": 4, "samples": 3},
-        "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004}},
+        "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "gain_e_dn": 2.0}},
                 shutter={"line_time_s": 0.001, "velocity_m_s": [0.0, 1600.0, 1.0], "pushbroom": True})
     yield small(("radiance", "position"), truth={"region": {"x": 2, "y": 1, "width": 6, "height": 5}, "every_px": 2})
     yield small(("radiance", "detail"), detail="landing", accuracy={"max_detail_error_px": 8.0},
