@@ -93,7 +93,7 @@ double height_in_middle_m(const FramePlan& plan, const RenderContext& context) {
   const auto ray = middle.ray((plan.request.camera.width - 1) / 2.0, 0);
   if (!plan.request.terrain || !ray) return 0;
   const Vec3 direction = ray->normalized();
-  const Geographic seen =
+  const Geographic ground =
       to_geographic(middle.position() + range_to_sphere(middle.position(), direction, kMoonRadius_m) * direction);
   const double height_m = context.terrain.height(ground.lat_deg, ground.lon_deg, context.stop).height_m;
   return std::isnan(height_m) ? 0 : height_m;
