@@ -18,6 +18,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
 #include "api/message/timing.h"
 #include "dem/base/names.h"
@@ -183,6 +184,7 @@ void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& ou
   if (!answer.stages.empty()) out.set_header("Server-Timing", api::timing_text(answer.stages));
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
   out.set_header("Accept-Ranges", "none");
+  out.set_header("Server", fmt::format("selenograph/{}", api::software_version()));
   out.body = std::move(answer.body);  // moved: a frame has tens of megabytes
 }
 

@@ -9,7 +9,7 @@ include(CMakePackageConfigHelpers)
 set(client ${CMAKE_INSTALL_DATADIR}/cmake/selenograph-client)
 install(TARGETS selenograph_client EXPORT selenograph-client INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(EXPORT selenograph-client NAMESPACE selenograph:: DESTINATION ${client} FILE selenograph-client-targets.cmake)
-write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMinorVersion
+write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMajorVersion
   ARCH_INDEPENDENT)
 install(FILES api/clients/cpp/selenograph-client-config.cmake
   ${CMAKE_CURRENT_BINARY_DIR}/selenograph-client-config-version.cmake DESTINATION ${client})
