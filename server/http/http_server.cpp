@@ -18,9 +18,9 @@
 #include <stdexcept>
 #include <thread>
 
-#include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
 #include "api/message/timing.h"
+#include "api/message/version.h"
 #include "dem/base/names.h"
 #include "server/http/allowed_hosts.h"
 #include "server/http/caller.h"
