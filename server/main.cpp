@@ -19,6 +19,7 @@
 
 #include "api/answers/metadata.h"
 #include "api/json/json_reader.h"
+#include "api/message/version.h"
 #include "engine/visibility/meshes/mesh_reader.h"
 #include "server/commands/commands.h"
 #include "server/commands/config.h"

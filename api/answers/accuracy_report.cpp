@@ -5,6 +5,7 @@
 #include <functional>
 
 #include "api/answers/metadata.h"
+#include "api/message/version.h"
 #include "api/requests/frame_json.h"
 
 namespace selenograph::api {

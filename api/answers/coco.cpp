@@ -11,6 +11,7 @@
 #include "api/answers/crater_answer.h"
 #include "api/answers/metadata.h"
 #include "api/message/problem.h"
+#include "api/message/version.h"
 #include "api/requests/features_json.h"
 #include "api/requests/parts/detail_json.h"
 

@@ -11,6 +11,7 @@
 #include "api/answers/metadata_members.h"
 #include "api/encode/encode.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/horizons/horizon_march.h"
 

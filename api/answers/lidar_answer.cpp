@@ -7,9 +7,9 @@
 #include <limits>
 #include <variant>
 
-#include "api/answers/metadata_members.h"
 #include "api/encode/columns.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "api/requests/features_json.h"
 #include "engine/lidar/detection.h"
 

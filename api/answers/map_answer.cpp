@@ -12,6 +12,7 @@
 #include "api/answers/metadata_members.h"
 #include "api/encode/arrays.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/hazard/hazard_map.h"

@@ -8,6 +8,7 @@
 #include "api/answers/turned_sky.h"
 #include "api/answers/view_json.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/base/hash.h"
 #include "engine/sensor/detector.h"

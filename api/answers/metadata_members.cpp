@@ -11,6 +11,7 @@
 #include "api/answers/crater_answer.h"
 #include "api/answers/view_json.h"
 #include "api/json/ranges.h"
+#include "api/message/version.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/frame/needs.h"
@@ -318,8 +319,6 @@ OrderedJson grid_json(const dem::MapGrid& grid) {
           {"geotransform", dem::geotransform_of(grid)},
           {"wkt", dem::wkt_of(grid.plane)}};
 }
-
-std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
 const Answer<MetadataSource>& metadata_answer() {
   static const auto answer = make_answer<MetadataSource>(

@@ -9,7 +9,6 @@
 
 namespace selenograph::api {
 
-std::string_view software_version();
 // Returns a map's size, geotransform and coordinate system.
 OrderedJson grid_json(const dem::MapGrid& grid);
 

@@ -8,6 +8,7 @@
 
 #include "api/answers/metadata.h"
 #include "api/json/ranges.h"
+#include "api/message/version.h"
 
 namespace selenograph::api {
 namespace {

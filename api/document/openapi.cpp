@@ -4,6 +4,7 @@
 #include "api/document/requests.h"
 #include "api/endpoints/routes.h"
 #include "api/message/problem.h"
+#include "api/message/version.h"
 #include "api/requests/parts/surface_json.h"
 
 namespace selenograph::api {

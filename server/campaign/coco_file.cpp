@@ -9,6 +9,7 @@
 #include "api/answers/metadata.h"
 #include "api/encode/read_npz.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "server/campaign/durable_files.h"
 #include "server/campaign/tar.h"
 

@@ -1,6 +1,6 @@
 // The journal of a campaign, as lines of JSON: one append-only file per shard.
 //
-//   {"time": "2026-11-20T00:00:00.000Z", "made_by": "0.1.0 4f3c...", "name": "000001", "line": 1,
+//   {"time": "2026-11-20T00:00:00.000Z", "made_by": "1.0.0 4f3c...", "name": "000001", "line": 1,
 //    "request_sha256": "...", "content_hash": "...", "sha256": "...", "bytes": 4194860, "ms": 21.3,
 //    "file": "000001.npz"}                                      a frame; of a tar also "offset"
 //   {"time": ..., "made_by": ..., "name": "000002", "line": 2, "request_sha256": "...",

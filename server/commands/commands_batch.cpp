@@ -10,6 +10,7 @@
 
 #include "api/answers/metadata.h"
 #include "api/message/json_text.h"
+#include "api/message/version.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
 #include "server/campaign/coco_file.h"

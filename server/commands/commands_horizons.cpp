@@ -15,9 +15,9 @@
 #include <vector>
 
 #include "api/answers/horizons_answer.h"
-#include "api/answers/metadata_members.h"
 #include "api/message/json_text.h"
 #include "api/message/problem.h"
+#include "api/message/version.h"
 #include "dem/gdal/mosaic.h"
 #include "server/campaign/plan.h"
 #include "server/commands/commands.h"

@@ -21,6 +21,7 @@
 #include "api/answers/metadata.h"
 #include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
+#include "api/message/version.h"
 #include "api/requests/parts/epochs.h"
 #include "engine/maps/render_map.h"
 #include "server/commands/commands.h"

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "api/answers/metadata.h"
+#include "api/message/version.h"
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"

@@ -20,6 +20,7 @@
 
 #include "api/message/problem.h"
 #include "api/message/timing.h"
+#include "api/message/version.h"
 #include "dem/base/names.h"
 #include "server/http/allowed_hosts.h"
 #include "server/http/caller.h"
@@ -183,6 +184,7 @@ void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& ou
   if (!answer.stages.empty()) out.set_header("Server-Timing", api::timing_text(answer.stages));
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
   out.set_header("Accept-Ranges", "none");
+  out.set_header("Server", fmt::format("selenograph/{}", api::software_version()));
   out.body = std::move(answer.body);  // moved: a frame has tens of megabytes
 }
 

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""The service's document keeps what clients of version 1 rely on: api/v1.openapi.json, without texts and examples.
+"""The service's document keeps what clients of version 1 rely on: api/v1.openapi.json, without texts and examples. So do
+the names of commands, their options and metrics: api/v1.names.json.
 
-`compatibility_test.py --write` renews that file, and refuses if anything in it would break.
+`compatibility_test.py --write` renews both files, and refuses if anything in them would break.
 """
 
 import copy
 import json
 import os
+import re
+import subprocess
 import sys
 import unittest
 
@@ -14,6 +17,7 @@ import harness
 from harness import REPOSITORY, Service
 
 FROZEN = os.path.join(REPOSITORY, "api", "v1.openapi.json")
+NAMES = os.path.join(REPOSITORY, "api", "v1.names.json")
 TEXTS = ("description", "summary", "title", "examples", "example", "info", "servers", "tags", "license")
 # Bounds of which a request may only get looser, and the sign of that.
 BOUNDS = {"minimum": -1, "exclusiveMinimum": -1, "minItems": -1, "minLength": -1, "minProperties": -1,
@@ -223,8 +227,35 @@ def served():
     return without_texts(document)
 
 
-def frozen():
-    with open(FROZEN) as file:
+def commands(*words):
+    """Options by command, those of commands within commands included."""
+    text = subprocess.run([harness.BINARY, *words, "--help"], check=True, stdout=subprocess.PIPE, text=True).stdout
+    head, _, below = text.partition("\nSubcommands:")
+    found = {" ".join(words): sorted(re.findall(r"^ *(?:-\w,)?(--[a-z0-9-]+)", head, re.M))}
+    for name in re.findall(r"^  ([a-z][a-z-]*) ", below, re.M):
+        found |= commands(*words, name)
+    return found
+
+
+def names():
+    """Commands with their options, and metrics with their types."""
+    service = Service()
+    metrics = service.ask("GET", "/metrics")[2].decode()
+    service.expect_clean_stop()
+    return {"commands": commands(), "metrics": dict(sorted(re.findall(r"^# TYPE (\S+) (\S+)$", metrics, re.M)))}
+
+
+def gone(old, new):
+    """Commands, options and metrics of `old` that `new` has not, or a metric of another type."""
+    for command, options in old["commands"].items():
+        if command not in new["commands"]:
+            yield f"command {command}"
+        yield from (f"{command} {option}".strip() for option in options if option not in new["commands"].get(command, options))
+    yield from (f"metric {name}, a {kind}" for name, kind in old["metrics"].items() if new["metrics"].get(name) != kind)
+
+
+def frozen(path=FROZEN):
+    with open(path) as file:
         return json.load(file)
 
 
@@ -239,12 +270,12 @@ def tearDownModule():
 
 def write():
     setUpModule()
-    document = served()
-    if os.path.exists(FROZEN) and (breaks := Comparison(frozen(), document).breaks):
-        sys.exit("\n".join(breaks))
-    with open(FROZEN, "w") as file:
-        json.dump(document, file, indent=1)
-        file.write("\n")
+    for path, new, breaks_of in ((FROZEN, served(), lambda old, new: Comparison(old, new).breaks), (NAMES, names(), gone)):
+        if os.path.exists(path) and (breaks := list(breaks_of(frozen(path), new))):
+            sys.exit("\n".join(breaks))
+        with open(path, "w") as file:
+            json.dump(new, file, indent=1)
+            file.write("\n")
     tearDownModule()
 
 
@@ -253,6 +284,21 @@ class Compatibility(unittest.TestCase):
         document = served()
         self.assertEqual(Comparison(frozen(), document).breaks, [])
         self.assertEqual(document, frozen(), "compatible, but not in the file: compatibility_test.py --write")
+
+    def test_no_name_is_gone(self):
+        said = names()
+        self.assertGreater(len(said["metrics"]), 30)
+        self.assertEqual(list(gone(frozen(NAMES), said)), [])
+        self.assertEqual(said, frozen(NAMES), "compatible, but not in the file: compatibility_test.py --write")
+
+    def test_names_that_go_are_found(self):
+        less = copy.deepcopy(frozen(NAMES))
+        less["commands"].pop("render")
+        less["commands"]["serve"].remove("--port")
+        less["metrics"]["selenograph_errors_total"] = "gauge"
+        self.assertEqual(list(gone(frozen(NAMES), less)), ["serve --port", "command render", "metric selenograph_errors_total, a counter"])
+        less["metrics"]["selenograph_errors_total"] = "counter"
+        self.assertEqual(list(gone(less, frozen(NAMES))), [])
 
     def changed(self, change):
         document = copy.deepcopy(frozen())

@@ -85,6 +85,7 @@ class Works:
                      "share/selenograph/assets/objects/satellite.obj", "share/selenograph/haproxy/haproxy.cfg",
                      "share/selenograph/grafana/selenograph.json", "share/selenograph/prometheus/alerts.yml",
                      "share/selenograph/requests/example-request.json", "share/doc/selenograph/copyright",
+                     "share/doc/selenograph/selenograph.spdx.json",
                      "share/doc/selenograph/README.md", "share/doc/selenograph/operation/README.md",
                      "lib/systemd/system/selenograph.service", "lib/sysusers.d/selenograph.conf"):
             self.assertTrue(os.path.isfile(os.path.join(usr, name)), name)

@@ -188,6 +188,20 @@ class ReadmeTest(unittest.TestCase):
         truth = next(row[1] for row in rows if row[0] == "| truth per pixel")
         self.assertEqual(set(re.findall(r"`(\w+)`", truth)) | {"image", "radiance"}, set(products))
 
+    def test_each_walk_is_run_by_the_test_that_the_front_page_names(self):
+        with open(os.path.join(REPOSITORY, "README.md")) as file:
+            walks = re.findall(r"\]\(([^)]+)\) \| `(?:service|slow)\.(\w+)` \|$", file.read(), re.M)
+        self.assertGreaterEqual(len(walks), 5)
+        folders = ("tests/service", "api/clients/tests", "deploy/navigation")
+        for page, test in walks:
+            file = test.removesuffix("_test") + "_test.py"
+            found = [os.path.join(REPOSITORY, folder, file) for folder in folders
+                     if os.path.exists(os.path.join(REPOSITORY, folder, file))]
+            self.assertEqual(len(found), 1, test)
+            with open(found[0]) as source:
+                # Its name, or that of its folder or of its programs.
+                self.assertRegex(source.read(), re.escape(os.path.basename(page)) + "|" + os.path.basename(os.path.dirname(page)))
+
     def test_json_blocks_are_json(self):
         for language, place, lines in self.blocks:
             if language == "json":

@@ -2,11 +2,13 @@
 """40 requests have the answers whose hashes are in same_bytes.json, whichever compiler and libraries the binary has.
 
 A hash for each array and each member of a JSON answer, so that a failure names what differs. Left out: texts for readers, and
-what says when and with which version an answer was made. After a change that is meant to alter answers:
+what says when and with which version an answer was made. Answers stay the same within a minor version (api/versions.md;
+tests/unit/version_test.py locks the record of a release). After a change that is meant to alter answers, give the reason
+in CHANGELOG.md:
 
     PYTHONPATH=tests/service SELENOGRAPH_BINARY=build/selenograph python3 tests/service/same_bytes_test.py --write
 
-and again on another Debian, without --write. tests/compare_binaries.py shows where two binaries differ.
+and once more on another Debian, without --write. tests/compare_binaries.py shows where two binaries differ.
 """
 
 import hashlib

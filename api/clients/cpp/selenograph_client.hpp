@@ -20,6 +20,7 @@
 // Failures are exceptions derived from selenograph::Error: Refused (the service rejected the request, and why),
 // NoAnswer (no response in time), BadAnswer (an unreadable response). Rendering changes nothing in the service, so a
 // call whose connection breaks is repeated; 429 and 503 with Retry-After (in seconds) are repeated after that time.
+// BadAnswer is also thrown for a service of another major version than kServiceMajorVersion.
 #ifndef SELENOGRAPH_CLIENT_HPP
 #define SELENOGRAPH_CLIENT_HPP
 
@@ -51,6 +52,9 @@
 #include <vector>
 
 namespace selenograph {
+
+// Major version of the services that this client works with (api/versions.md): they send "Server: selenograph/1.2.3".
+inline constexpr int kServiceMajorVersion = 1;
 
 using Json = nlohmann::json;
 using Vector3 = std::array<double, 3>;
@@ -637,9 +641,19 @@ class Client {
         if (++broken_count < kMaxAttempts && Clock::now() < until) continue;
         throw NoAnswer(origin_ + request.path + ": " + (Clock::now() < until ? broken : "nothing within the timeout"));
       }
+      check_version(answer->header("Server"));
       if (answer->status >= 200 && answer->status < 300) return std::move(*answer);
       if (!wait_to_retry(*answer, until)) throw Refused(answer->status, problem_of(*answer));
     }
+  }
+
+  // Throws BadAnswer for a service of another major version. A proxy may hide the header: then nothing is checked.
+  void check_version(const std::string& server) const {
+    const std::string name = "selenograph/";
+    if (server.compare(0, name.size(), name) != 0 || server.find('.') == std::string::npos) return;
+    if (std::atoi(server.c_str() + name.size()) == kServiceMajorVersion) return;
+    throw BadAnswer(origin_ + " is " + server + ", but this client works with services of version " +
+                    std::to_string(kServiceMajorVersion) + ": take the header of the service's version");
   }
 
   // Sleeps for the time in Retry-After. Returns false without sleeping if there is none, or if it exceeds the time

@@ -8,6 +8,7 @@ function answer = selenograph_call(service, method, path, request, accept)
 %   member; selenograph_problem() then returns the service's document. 429 and 503 with Retry-After (in seconds) are
 %   repeated after that time, a connection that breaks up to twice (no call changes anything in the service), all
 %   within the timeout. What doesn't come then is selenograph:no_answer, and what can't be read selenograph:bad_answer.
+%   A service of another major version is selenograph:version.
   if nargin < 5, accept = 'application/json'; end
   service = selenograph_service(service);
   body = '';
@@ -21,9 +22,9 @@ function answer = selenograph_call(service, method, path, request, accept)
     if ~isempty(fault)
       broken = broken + 1;
       if broken >= 3, error('selenograph:no_answer', '%s%s: %s', service.url, path, fault); end
-    elseif answer.status >= 200 && answer.status < 300
-      return
     else
+      check_version(service, answer);
+      if answer.status >= 200 && answer.status < 300, return, end
       wait_s = NaN;
       if any(answer.status == [429 503]) && isfield(answer.headers, 'retry_after')
         wait_s = str2double(answer.headers.retry_after);
@@ -32,6 +33,16 @@ function answer = selenograph_call(service, method, path, request, accept)
       pause(wait_s);
     end
   end
+end
+
+% Services say "Server: selenograph/1.2.3"; a proxy may hide it, and then nothing is checked.
+function check_version(service, answer)
+  MAJOR_VERSION = 1;  % of the services that this client works with: api/versions.md
+  if ~isfield(answer.headers, 'server'), return, end
+  major = regexp(answer.headers.server, '^selenograph/(\d+)\.', 'tokens', 'once');
+  if isempty(major) || str2double(major{1}) == MAJOR_VERSION, return, end
+  error('selenograph:version', '%s is %s, but this client works with services of version %d', service.url, ...
+        answer.headers.server, MAJOR_VERSION);
 end
 
 % One request over HTTP: an answer, whatever its status, or why there is none.

@@ -180,6 +180,14 @@ class Examples:
             status, out, err = self.run_example("one_frame", fake.url)
         self.assertEqual((status, out), (1, ""), err)
 
+    def test_a_service_of_another_major_version_is_an_error(self):
+        status, headers, body = self.real_answer()
+        for version, right in (("1.99.0", True), ("2.0.0", False)):
+            with FakeService((status, {**headers, "Server": f"selenograph/{version}"}, body)) as fake:
+                status_of_example, out, err = self.run_example("one_frame", fake.url)
+            self.assertEqual(status_of_example == 0, right, err)
+            self.assertEqual("selenograph/2.0.0" in err, not right, err)
+
     def test_a_token_is_sent(self):
         with FakeService(self.real_answer()) as fake:
             self.run_example("one_frame", fake.url, "secret")

@@ -24,7 +24,10 @@ class FakeService:
                     self.close_connection = True
                     return
                 status, headers, content = answer
-                self.send_response(status)
+                if "Server" in headers:  # in place of this server's own name
+                    self.send_response_only(status)
+                else:
+                    self.send_response(status)
                 for name, value in {"Content-Length": str(len(content)), **headers}.items():
                     self.send_header(name, value)
                 self.end_headers()

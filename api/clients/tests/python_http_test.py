@@ -196,6 +196,16 @@ class Mishaps(unittest.TestCase):
         self.assertIn("cannot be read", errors.getvalue())
         self.assertFalse(os.path.exists(out))
 
+    def test_a_service_of_another_major_version_is_an_error(self):
+        status, headers, body = FINE
+        for server in ("selenograph/1.0.0", "selenograph/1.99.3", "nginx/2.0", "selenograph"):
+            with self.asking((status, {**headers, "Server": server}, body)) as (client, _):
+                self.assertEqual(client.heights(0, 0).height_m, 1.5)
+        for answer in (FINE, (422, *BUSY[1:])):
+            with self.asking((answer[0], {**answer[1], "Server": "selenograph/2.0.0"}, answer[2])) as (client, _):
+                with self.assertRaisesRegex(ConnectionError, "is of version 2, but this client, 1[.]"):
+                    client.heights(0, 0)
+
     def test_problems_that_are_not_the_services(self):
         for errors in ('"abc"', "7", "[null]", '[{"pointer": 3}]'):
             with self.subTest(errors):

@@ -9,7 +9,7 @@ include(CMakePackageConfigHelpers)
 set(client ${CMAKE_INSTALL_DATADIR}/cmake/selenograph-client)
 install(TARGETS selenograph_client EXPORT selenograph-client INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(EXPORT selenograph-client NAMESPACE selenograph:: DESTINATION ${client} FILE selenograph-client-targets.cmake)
-write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMinorVersion
+write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMajorVersion
   ARCH_INDEPENDENT)
 install(FILES api/clients/cpp/selenograph-client-config.cmake
   ${CMAKE_CURRENT_BINARY_DIR}/selenograph-client-config-version.cmake DESTINATION ${client})
@@ -22,7 +22,10 @@ install(DIRECTORY deploy/assets deploy/operation/haproxy deploy/operation/grafan
   DESTINATION ${share} USE_SOURCE_PERMISSIONS)
 file(GLOB requests deploy/examples/*-request.json)
 install(FILES ${requests} DESTINATION ${share}/requests)
-install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright)
+install(FILES ${package}/copyright DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(CODE "execute_process(COMMAND ${package}/spdx $<TARGET_FILE:selenograph> ${PROJECT_VERSION}
+  OUTPUT_FILE ${CMAKE_CURRENT_BINARY_DIR}/selenograph.spdx.json COMMAND_ERROR_IS_FATAL ANY)")
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/selenograph.spdx.json DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(FILES README.md CHANGELOG.md api/requests.md api/clients/conventions.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
 file(GLOB operation_pages deploy/operation/*.md)
 install(FILES ${operation_pages} DESTINATION ${CMAKE_INSTALL_DOCDIR}/operation)
@@ -65,7 +68,7 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PACKAGE_DESCRIPTION
-  "Frames of a camera near the Moon, with exact shadows and ground truth\nfor every pixel: over HTTP and as a command.")
+  "Frames of a camera near the Moon, with ground truth for every pixel:\nover HTTP and as a command.")
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 # For the service's user.
 set(CPACK_DEBIAN_PACKAGE_DEPENDS "systemd | systemd-standalone-sysusers")

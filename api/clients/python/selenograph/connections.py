@@ -118,6 +118,7 @@ class Connections:
                     continue
                 except http.client.HTTPException as error:
                     raise ConnectionError(f"{self.url} doesn't answer as HTTP does: {error!r}") from error
+                self._check_version(answer)
                 if 200 <= answer.status < 300:
                     self._check_media_type(answer, accept)
                     return answer
@@ -189,6 +190,16 @@ class Connections:
             self._idle = []
         for connection in idle:
             connection.close()
+
+    def _check_version(self, answer: HttpAnswer) -> None:
+        """Raises ConnectionError for a service of another major version, in which members may mean something else.
+
+        Services send "Server: selenograph/1.2.3". A proxy may hide it: then nothing is checked.
+        """
+        service = re.match(r"selenograph/(\d+)\.", answer.headers.get("Server", ""))
+        if service and service[1] != __version__.split(".")[0]:
+            raise ConnectionError(f"{self.url} is of version {service[1]}, but this client, {__version__}, works with "
+                                  f"services of its own major version: install the client of version {service[1]}")
 
     def _check_media_type(self, answer: HttpAnswer, accept: str) -> None:
         """Raises ConnectionError for another media type than the one in `accept`: a proxy's login page, for example.

@@ -1,3 +1,6 @@
-"""The version of selenograph. CMakeLists.txt and pyproject.toml read it from this file."""
+"""The version of selenograph. CMakeLists.txt and pyproject.toml read it from this file.
 
-__version__ = "0.1.0"
+The client works with services of the same major version: api/versions.md.
+"""
+
+__version__ = "1.0.0"
