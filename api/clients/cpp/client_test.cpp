@@ -90,6 +90,15 @@ TEST(Npz, ArraysKeepTheirTypeAndShape) {
   EXPECT_EQ(normal.at(0, 0, 2), 1);
 }
 
+TEST(Npz, ReadsTruthValuesAndWholeNumbersOf64Bits) {
+  const Array found = detail::read_npy(npy("|b1", "3,", raw<std::uint8_t>({1, 0, 1})));
+  EXPECT_EQ(found.as<std::uint8_t>(), (std::vector<std::uint8_t>{1, 0, 1}));
+  const Array rock = detail::read_npy(npy("<u8", "2,", raw<std::uint64_t>({0xfedcba9876543211, 1})));
+  EXPECT_STREQ(rock.type(), "uint64");
+  EXPECT_EQ(rock.as<std::uint64_t>()[0], 0xfedcba9876543211);
+  EXPECT_EQ(rock.at(1, 0), 1);
+}
+
 TEST(Npz, ReadsHalvesAsFloats) {
   const Array range = detail::read_npy(
       npy("<f2", "2, 4", raw<std::uint16_t>({0x3c00, 0xc000, 0x7bff, 0x0400, 0x0001, 0x8000, 0xfc00, 0x7e00})));

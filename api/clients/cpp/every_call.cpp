@@ -1,4 +1,6 @@
-// Makes the calls that no example makes and prints their results as JSON, for ../tests/clients_test.py.
+// Calls every endpoint and prints the answers as JSON, for ../tests/every_call_test.py, which writes REQUESTS: requests
+// by path.
+#include <fstream>
 #include <iostream>
 #include <selenograph_client.hpp>
 
@@ -25,10 +27,50 @@ std::map<std::string, Json> poses() {
           {"camera_from_moon_mrp", pose::camera_from_moon(position, Quaternion::mrp({-1.0 / 9, 2.0 / 9, -2.0 / 9}))}};
 }
 
+// Returns these arrays of an answer as flat lists, whole numbers of 64 bits as text.
+Json lists(const Frame& answer, const std::vector<std::string>& names) {
+  Json lists = Json::object();
+  for (const std::string& name : names) {
+    Json& list = lists[name] = Json::array();
+    const auto append = [&](const auto& values) {
+      for (const auto value : values) {
+        if constexpr (sizeof(value) == 8 && std::is_integral_v<std::decay_t<decltype(value)>>)
+          list.push_back(std::to_string(value));
+        else
+          list.push_back(number(value));
+      }
+    };
+    std::visit(append, answer[name].data);
+  }
+  return lists;
+}
+
+// Makes the calls whose requests are in the test's file.
+Json calls_by_path(Client& client, const Json& requests) {
+  Json results;
+  const Answer array = client.post("/v1/frames", requests.at("/v1/frames"), "application/x-npy");
+  const Json in_header = Json::parse(array.header("selenograph-meta"));
+  results["/v1/frames"] = Json::parse(client.get(in_header.at("metadata_at")).body);
+  results["/v1/lidar"] =
+      lists(client.lidar(requests.at("/v1/lidar")), {"range_m", "direction", "count", "false_alarm", "rock"});
+  results["/v1/limb"] = lists(client.limb(requests.at("/v1/limb")), {"x_px", "position_m", "terminator_visible"});
+  results["/v1/horizons"] = lists(client.horizons(requests.at("/v1/horizons")), {"elevation_deg", "azimuth_deg"});
+  results["/v1/illumination"] = lists(client.illumination(requests.at("/v1/illumination")), {"sun_mean", "sun"});
+  results["/v1/sky"] = client.sky(requests.at("/v1/sky"));
+  results["/v1/features"] = client.features(requests.at("/v1/features"));
+  for (const char* path : {"/v1/verify/roundtrip", "/v1/verify/mertis"}) {
+    results[path] = client.post(path, requests.at(path));
+  }
+  for (const char* path : {"/v1/height?lat_deg=-6.5&lon_deg=40", "/openapi.json"}) {
+    results[path] = Json::parse(client.get(path).body);
+  }
+  return results;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
-  if (argc != 2) throw Error("usage: every_call URL");
+  if (argc != 3) throw Error("usage: every_call URL REQUESTS");
   Client client(argv[1]);
   const Json sun{{"subsolar", {{"lat_deg", 0.0}, {"lon_deg", 100.0}}}};
   const Json camera{{"width", 320}, {"height", 240}, {"fov_deg", 50}};
@@ -78,6 +120,7 @@ int main(int argc, char** argv) try {
   } catch (const Refused& refused) {
     results["map"] = {{"status", refused.status}};
   }
+  results["by_path"] = calls_by_path(client, Json::parse(std::ifstream(argv[2])));
   std::cout << results << "\n";
   return 0;
 } catch (const std::exception& e) {

@@ -112,11 +112,12 @@ class Refused : public Error {
 // --- arrays
 
 // A product: height x width, or height x width x channels; row 0 on top, the last index varies fastest. float16 is
-// read as float32.
+// read as float32, a truth value as uint8. Arrays of a scan, of an outline or of places are N, or N x components.
 class Array {
  public:
-  using Data = std::variant<std::vector<std::uint8_t>, std::vector<std::uint16_t>, std::vector<std::uint32_t>,
-                            std::vector<std::int32_t>, std::vector<float>, std::vector<double>>;
+  using Data =
+      std::variant<std::vector<std::uint8_t>, std::vector<std::uint16_t>, std::vector<std::uint32_t>,
+                   std::vector<std::int32_t>, std::vector<float>, std::vector<double>, std::vector<std::uint64_t>>;
 
   std::vector<std::size_t> shape;
   Data data;
@@ -130,7 +131,7 @@ class Array {
 
   // Returns NumPy's name of the element type, e.g. "float32".
   const char* type() const {
-    static constexpr const char* kNames[] = {"uint8", "uint16", "uint32", "int32", "float32", "float64"};
+    static constexpr const char* kNames[] = {"uint8", "uint16", "uint32", "int32", "float32", "float64", "uint64"};
     return kNames[data.index()];
   }
 
@@ -209,9 +210,10 @@ inline std::vector<float> halves(const std::vector<std::uint16_t>& bits) {
 
 // Returns the elements of a NumPy type, e.g. "<f8".
 inline Array::Data typed(const std::string& descr, std::string_view bytes, std::size_t count) {
-  if (descr == "|u1") return elements<std::uint8_t>(bytes, count);
+  if (descr == "|u1" || descr == "|b1") return elements<std::uint8_t>(bytes, count);
   if (descr == "<u2") return elements<std::uint16_t>(bytes, count);
   if (descr == "<u4") return elements<std::uint32_t>(bytes, count);
+  if (descr == "<u8") return elements<std::uint64_t>(bytes, count);
   if (descr == "<i4") return elements<std::int32_t>(bytes, count);
   if (descr == "<f2") return halves(elements<std::uint16_t>(bytes, count));
   if (descr == "<f4") return elements<float>(bytes, count);
@@ -360,7 +362,7 @@ inline std::string region(const Json& request) {
 
 // --- answers
 
-// A frame or a map: arrays by name, and their metadata.
+// A frame, a map, a scan or another answer of arrays: arrays by name, and their metadata.
 class Frame {
  public:
   std::map<std::string, Array> products;
@@ -553,8 +555,32 @@ class Client {
     return heights;
   }
 
+  // POST /v1/lidar: a scan's measurements (range_m, count, ...) and ground truth (true_range_m, ...), one row per
+  // pulse.
+  Frame lidar(const Json& request) { return arrays("/v1/lidar", request); }
+
+  // POST /v1/limb: the Moon's limb (azimuth_deg, x_px, y_px, position_m, ...), one row per azimuth, and with a Sun the
+  // terminator (terminator_azimuth_deg, ...).
+  Frame limb(const Json& request) { return arrays("/v1/limb", request); }
+
+  // POST /v1/horizons: elevation_deg of the horizon, by azimuth and pixel or place.
+  Frame horizons(const Json& request) { return arrays("/v1/horizons", request); }
+
+  // POST /v1/illumination: light of Sun and Earth over a time span, as statistics by pixel or place, and of places the
+  // shares sun and earth by epoch and place.
+  Frame illumination(const Json& request) { return arrays("/v1/illumination", request); }
+
+  // POST /v1/sky: the list "objects" of stars, Sun, Earth and planets in view.
+  Json sky(const Json& request) { return post("/v1/sky", request); }
+
+  // POST /v1/features: the list "craters" or "rocks" of a detail in a region.
+  Json features(const Json& request) { return post("/v1/features", request); }
+
   // GET /v1/datasets: the catalogue of terrain.
-  Json datasets() { return json_of(ask("GET", "/v1/datasets", "", "application/json")); }
+  Json datasets() { return json_of(get("/v1/datasets")); }
+
+  // Sends any GET, e.g. of the path "metadata_at" in the header Selenograph-Meta.
+  Answer get(const std::string& path) { return ask("GET", path, "", "*/*"); }
 
   // Sends any POST with a JSON response, for members that the calls above lack (objects, shutter, detail, ...).
   Json post(const std::string& path, const Json& request) {

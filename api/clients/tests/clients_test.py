@@ -1,17 +1,13 @@
 #!/usr/bin/env python3
 """The clients in api/clients that aren't Python's: their examples against the real service, and faults of a fake one.
 
-SELENOGRAPH_CPP_EXAMPLES is the folder of the built C++ examples. What needs Octave is skipped where that isn't
-installed. NumPy reads the service's own answers.
+Their other calls: every_call_test.py. What needs Octave is skipped where that isn't installed. NumPy reads the service's own
+answers.
 """
 
 import io
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 import unittest
 import zipfile
 
@@ -19,11 +15,8 @@ import numpy
 
 import harness
 from fake_service import FakeService
-from harness import PATIENCE_S
-from one_service import CLIENTS, SUN, OneService, setUpModule, tearDownModule  # noqa: F401
-
-CPP_EXAMPLES = os.environ.get("SELENOGRAPH_CPP_EXAMPLES", "")
-OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
+from one_service import SUN, OneService, setUpModule, tearDownModule  # noqa: F401
+from programs import CPP_EXAMPLES, OCTAVE, run_cpp, run_octave, run_octave_function
 
 PROBLEM = (422, {"Content-Type": "application/problem+json"}, json.dumps({
     "type": "urn:selenograph:problem:invalid_request", "title": "Invalid request", "status": 422, "detail": "a fault",
@@ -36,7 +29,6 @@ class Examples:
     """The same three examples in each language: each prints lines of words and numbers."""
 
     types = {"float32": "float32", "float64": "float64"}  # what the language calls them
-    last_places = 0  # by which the language misreads numbers in JSON
 
     def run_example(self, name, *arguments):
         """Returns (exit status, standard output, standard error)."""
@@ -91,60 +83,6 @@ class Examples:
         for i in range(50):  # straight down: the range is what is left of 15 km
             self.assertAlmostEqual(float(found[i][1]), 15000 - heights[i]["height_m"], delta=1e-6)
 
-    def alike(self, got, right, what):
-        """The members that the client has are the service's, NaN and null alike."""
-        self.assertEqual(len(got), len(right), what)
-        for ours, its in zip(got, right):
-            for name, value in ours.items():
-                missing = "" if name == "source" else False if name in ("filled", "blended") else None
-                if isinstance(value, list) and its.get(name) is None:
-                    value = None if all(x is None for x in value) else value
-                self.assert_alike(value, its.get(name, missing), f"{what}.{name}")
-
-    def assert_alike(self, ours, its, what):
-        if isinstance(ours, list) and isinstance(its, list):
-            self.assertEqual(len(ours), len(its), what)
-            for i, (a, b) in enumerate(zip(ours, its)):
-                self.assert_alike(a, b, f"{what}[{i}]")
-        elif self.last_places and isinstance(ours, float) and isinstance(its, float):
-            self.assertAlmostEqual(ours, its, delta=self.last_places * sys.float_info.epsilon * abs(its), msg=what)
-        else:
-            self.assertEqual(ours, its, what)
-
-    def test_every_other_call(self):
-        status, out, err = self.run_example("every_call", self.url())
-        self.assertEqual(status, 0, err)
-        said = json.loads(out)
-        request = self.a_frame()
-        points = [{"lat_deg": -6.5, "lon_deg": 40.0}, {"lat_deg": -6.6, "lon_deg": 40.1, "height_m": 500.0},
-                  {"lat_deg": 30.0, "lon_deg": 100.0}]
-        rays = [{"origin_m": [1345000, 1130000, -200000], "direction": [-1345, -1130, 199]},
-                {"origin_m": [1800000, 0, 0], "direction": [1, 0, 0]}]
-
-        def right(path, body):
-            return json.loads(self.service.post(path, body)[2])
-
-        self.alike(said["heights"], right("/v1/heights", {"points": [points[0], points[2]]})["points"], "heights")
-        self.assertIsNone(said["heights"][1]["height_m"])
-        self.alike(said["project"], right("/v1/project", {
-            "camera": request["camera"], "pose": request["pose"], "sun": SUN, "points": points})["points"], "project")
-        self.alike(said["rays"], right("/v1/rays", {"rays": rays, "sun": SUN})["rays"], "rays")
-        self.assertEqual([ray["hit"] for ray in said["rays"]], [True, False])
-        self.assertEqual(said["datasets"], 6)
-        self.assertEqual(len(said["attitudes"]), 7)
-        for way, q in said["attitudes"].items():
-            for key, value in dict(w=0.8, x=0.2, y=-0.4, z=0.4).items():
-                self.assertAlmostEqual(q[key], value, delta=1e-14, msg=way)
-        picture = self.service.frame(dict(request, products=["image"]), "image/png")
-        self.assertEqual(said["picture"], {"type": "image/png", "bytes": len(picture[2])})
-        archive = self.service.arrays({
-            "map": {"projection": "equirectangular", "gsd_m": 500,
-                    "bounds": {"south_deg": -7, "north_deg": -6, "west_deg": 39.5, "east_deg": 40.5}},
-            "sun": SUN, "products": ["radiance", "height"]}, "/v1/maps")
-        self.assertEqual(said["map"]["shape"], list(archive["height"].shape))
-        self.assert_alike(said["map"]["height"], float(archive["height"][3, 5]), "map.height")
-        self.assertEqual(said["map"]["hash"], archive["meta"]["content_hash"])
-
     def test_a_refusal_names_the_member(self):
         with FakeService(PROBLEM) as fake:
             status, out, err = self.run_example("one_frame", fake.url)
@@ -197,9 +135,7 @@ class Examples:
 @unittest.skipUnless(CPP_EXAMPLES, "SELENOGRAPH_CPP_EXAMPLES isn't set")
 class Cpp(Examples, OneService):
     def run_example(self, name, *arguments):
-        done = subprocess.run([os.path.join(CPP_EXAMPLES, name), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                              text=True, timeout=PATIENCE_S)
-        return done.returncode, done.stdout, done.stderr
+        return run_cpp(name, *arguments)
 
     def test_connections_are_kept(self):
         answer = self.real_answer()
@@ -213,26 +149,15 @@ class Cpp(Examples, OneService):
 @unittest.skipUnless(OCTAVE, "Octave isn't installed: apt-get install octave")
 class Octave(Examples, OneService):
     types = {"float32": "single", "float64": "double"}
-    last_places = 2
 
     def run_example(self, name, *arguments):
-        return self.run_octave("%s(%s)" % (name, ", ".join("'%s'" % word for word in arguments)))
-
-    def run_octave(self, statement):
-        paths = [os.path.join(CLIENTS, "matlab"), os.path.join(CLIENTS, "matlab", "examples"),
-                 os.path.join(CLIENTS, "tests")]
-        script = ("addpath('%s'); try, %s; catch e, fputs(stderr, [e.identifier ': ' e.message]); "
-                  "exit(1 + strcmp(e.identifier, 'selenograph:refused')); end; exit(0);" % ("', '".join(paths), statement))
-        done = subprocess.run([OCTAVE, "--no-gui", "--norc", "--quiet", "--eval", script], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
-        return done.returncode, done.stdout, done.stderr
-
+        return run_octave_function(name, *arguments)
 
     def test_a_map_and_what_the_headers_say(self):
         status, headers, body = self.real_answer()
         headers.update({"Selenograph-Echo": '{"n":1}', "Server-Timing": "parse;dur=0.5, load;dur=2"})
         with FakeService((status, headers, body)) as fake:
-            status, out, err = self.run_octave(
+            status, out, err = run_octave(
                 f"map = selenograph_map('{fake.url}', struct('map', struct('gsd_m', 40))); "
                 "disp(jsonencode({size(map.geodetic), map.timing_ms, map.echo, map.etag, map.meta.software.name}))")
         self.assertEqual(status, 0, err)
@@ -248,7 +173,7 @@ class Octave(Examples, OneService):
             zipped.writestr("coco.json", '{"images": [{"id": 1}]}')
             zipped.writestr("left/coco.json", '{"n": 2}')
         with FakeService((200, {}, archive.getvalue())) as fake:
-            status, out, err = self.run_octave(
+            status, out, err = run_octave(
                 f"frame = selenograph_frame('{fake.url}', struct('labels', true)); "
                 "printf('%s %s %d\\n', class(frame.range), jsonencode(frame.coco), frame.left_coco.n); "
                 "printf('%.17g ', frame.range')")
@@ -259,7 +184,7 @@ class Octave(Examples, OneService):
 
     def test_deflate_is_refused_before_it_is_asked(self):
         with FakeService() as fake:
-            status, out, err = self.run_octave(
+            status, out, err = run_octave(
                 "for cameras = {struct(), struct('left', struct('compression', 'deflate'))}, "
                 "request = struct('cameras', cameras{1}); "
                 "if isempty(fieldnames(cameras{1})), request = struct('compression', 'deflate'); end; "
@@ -280,14 +205,14 @@ class Octave(Examples, OneService):
         frame = self.real_answer()
         with FakeService(refusal("/ahead/0", "/ahead/1/lat_deg"), frame, refusal("/ahead/0"), frame,
                          refusal("/pose")) as fake:
-            status, out, err = self.run_octave(frames % fake.url)
+            status, out, err = run_octave(frames % fake.url)
         self.assertEqual((status, out.split()), (2, ["1", "2"]), err)
         self.assertIn("/pose: is wrong", err)
         self.assertEqual([json.loads(body) for *_, body in fake.requests],
                          [{"pose": 0, "ahead": [1, 2]}, {"pose": 0}, {"pose": 1, "ahead": [2]}, {"pose": 1},
                           {"pose": 2}])
         with FakeService(refusal("/ahead/0", "/pose")) as fake:
-            status, out, err = self.run_octave(frames % fake.url)
+            status, out, err = run_octave(frames % fake.url)
         self.assertEqual((status, out, len(fake.requests)), (2, "", 1), err)
 
     def test_invalid_answers(self):
@@ -309,7 +234,7 @@ class Octave(Examples, OneService):
         each = " ".join("try, %s; catch e, disp([e.identifier ': ' strrep(e.message, char(10), '')]); end;" % statement for _, statement, _ in cases)
         answers = [answer for _, _, answer in cases if answer] + [PROBLEM]
         with FakeService(*answers) as fake:
-            status, out, err = self.run_octave(f"url = '{fake.url}'; {each}")
+            status, out, err = run_octave(f"url = '{fake.url}'; {each}")
         self.assertEqual(status, 0, err)
         for (expected, statement, _), said in zip(cases, out.splitlines()):
             self.assertTrue(said.startswith(expected), f"{statement}: {said}")

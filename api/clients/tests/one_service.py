@@ -16,7 +16,7 @@ SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
-    OneService.service = harness.Service()
+    OneService.service = harness.Service("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
 
 
 def tearDownModule():

@@ -38,8 +38,8 @@ function array = read_npy(bytes)
   form = '''descr'': ''(..\d+)'', ''fortran_order'': False, ''shape'': \(([\d, ]*)\)';
   found = regexp(header, form, 'tokens', 'once');
   if isempty(found), bad('an npy header of another form'), end
-  names = struct('u1', 'uint8', 'u2', 'uint16', 'u4', 'uint32', 'i4', 'int32', 'f2', 'uint16', 'f4', 'single', ...
-                 'f8', 'double');
+  names = struct('b1', 'uint8', 'u1', 'uint8', 'u2', 'uint16', 'u4', 'uint32', 'u8', 'uint64', 'i4', 'int32', ...
+                 'f2', 'uint16', 'f4', 'single', 'f8', 'double');
   descr = found{1};
   if ~isfield(names, descr(2:end)) || descr(1) == '>', bad(['elements of the type ' descr]), end
   shape = sscanf(strrep(found{2}, ',', ' '), '%d')';
@@ -47,7 +47,9 @@ function array = read_npy(bytes)
   if numel(data) ~= prod(shape) * str2double(descr(3:end)), bad('an array''s size isn''t that of its shape'), end
   array = typecast(data, names.(descr(2:end)));
   if strcmp(descr, '<f2'), array = halves(array); end
-  array = permute(reshape(array, [fliplr(shape) 1]), numel(shape):-1:1);
+  if strcmp(descr, '|b1'), array = logical(array); end
+  array = reshape(array, [fliplr(shape) 1]);
+  if numel(shape) > 1, array = permute(array, numel(shape):-1:1); end
 end
 
 % IEEE 754's binary16 as single, which holds all its values.

@@ -92,6 +92,9 @@ class AsyncClient:
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)
 
+    async def document(self, path: str, request: Optional[Request] = None) -> Dict[str, Any]:
+        return await self._run(self._client.document, path, request)
+
     def frames(self, requests: Union[Iterable[AnyFrameRequest], AsyncIterable[AnyFrameRequest]], in_flight: int = 2,
                ahead: int = 4) -> AsyncIterator[Frame]:
         """Renders frames as Client.frames does. Requests are taken in the event loop's thread.

@@ -27,9 +27,14 @@ class Calls:
     def __init__(self, connections: Connections) -> None:
         self.connections = connections
 
-    def get_document(self, path: str) -> Dict[str, Any]:
-        """Returns the JSON object of a GET."""
-        return self._document(self.connections.call("GET", path, None, "application/json").content)
+    def document(self, path: str, request: Any = None) -> Dict[str, Any]:
+        """Returns the JSON object of a GET or, with a request, of a POST, and warns of the answer's warnings."""
+        method, body, region = ("GET", None, None) if request is None else (
+            "POST", json_body(request), region_of(request))
+        answer = self.connections.call(method, path, body, "application/json", region)
+        document = self._document(answer.content)
+        warn_caller(warnings_of(answer.headers))
+        return document
 
     def post_encoded(self, path: str, document: Any, media_type: str) -> Answer:
         """Returns a frame or map in the media type."""

@@ -274,7 +274,14 @@ class Client:
         "datasets" is a list of tiles (name, footprint, post_spacing_m, ...), "problems" a list of files that could not
         be used.
         """
-        return self._calls.get_document("/v1/datasets")
+        return self._calls.document("/v1/datasets")
+
+    def document(self, path: str, request: Optional[Request] = None) -> Dict[str, Any]:
+        """Returns the JSON of any other call: a GET or, with a request, a POST.
+
+        document("/v1/verify/roundtrip", {...}), or document(path) of the "metadata_at" in a header Selenograph-Meta.
+        """
+        return self._calls.document(path, request)
 
     def _frame_without_warnings(self, request: AnyFrameRequest) -> Frame:
         return Frame(self.encoded(request, "application/x-npz"))
