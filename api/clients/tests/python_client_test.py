@@ -813,7 +813,7 @@ class FromOpenCv(unittest.TestCase):
     @unittest.skipUnless(cv2, "python3-opencv is not installed")
     def test_the_pages_block_agrees_with_opencv(self):
         with open(os.path.join(FOLDER, "geometry.md")) as file:
-            block, cahvor = re.findall(r"^```python\n(.*?)^```", file.read(), re.M | re.S)
+            block, cahvor, _ = re.findall(r"^```python\n(.*?)^```", file.read(), re.M | re.S)
         page = {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", selenograph.FrameWarning)
@@ -825,7 +825,7 @@ class FromOpenCv(unittest.TestCase):
         pixels, _ = cv2.projectPoints(points, page["rvec"], page["tvec"], page["camera_matrix"], page["dist_coeffs"])
         np.testing.assert_allclose(pixels[:, 0, 0], columns.ravel(), atol=2e-3)
         np.testing.assert_allclose(pixels[:, 0, 1], rows.ravel(), atol=2e-3)
-        exec(cahvor, page)  # its numbers: python_trajectory_test.py
+        exec(cahvor, page)  # its numbers: python_trajectory_test.py; the third block runs in python_kernels_test.py
         self.assertIn("cahvor", page["camera"])
 
 
@@ -881,8 +881,8 @@ class Package(unittest.TestCase):
         starred = {}
         exec("from selenograph import *", starred)
         self.assertEqual(sorted(set(starred) - {"__builtins__"}), [
-            "Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Link", "Pose", "Refused",
-            "Scan", "Sun", "Trajectory", "random_views"])
+            "Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Kernels", "Link", "Pose",
+            "Refused", "Scan", "Sun", "Trajectory", "random_views"])
         for name in ("DEFAULT_URL", "DIRECTIONS", "FRAMES", "INERTIAL", "MEDIA_TYPES", "MOON_RADIUS_M", "MOST_AHEAD",
                      "NEED_SUN", "POINTS_AT_ONCE", "REASONS", "REGION_DEG", "ROWS_AT_ONCE", "Request", "Vector",
                      "__version__", "main"):

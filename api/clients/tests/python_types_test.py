@@ -2,9 +2,11 @@
 """Holds the Python client's requests to the service's own document: /openapi.json.
 
 Each typed member of a request, each keyword of a method and each part that a constructor makes exists in the document, with
-a type that the document allows. The document may have more. Needs NumPy and jsonschema.
+a type that the document allows. The document may have more. And every function of the client has all hints. Needs NumPy and
+jsonschema.
 """
 
+import ast
 import datetime
 import inspect
 import json
@@ -136,6 +138,28 @@ def keywords(function):
     hints = typing.get_type_hints(function)
     return {name: hints[name] for name, parameter in inspect.signature(function).parameters.items()
             if name != "self" and parameter.kind != parameter.VAR_KEYWORD}
+
+
+class Hints(unittest.TestCase):
+    def unhinted(self, source):
+        """Arguments without a hint, and functions without one of their result."""
+        for function in ast.walk(ast.parse(source)):
+            if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                named = function.args
+                of_all = [*named.posonlyargs, *named.args, *named.kwonlyargs, *filter(None, (named.vararg, named.kwarg))]
+                yield from (f"{function.name}({a.arg})" for a in of_all if not a.annotation and a.arg not in ("self", "cls"))
+                if function.returns is None:
+                    yield function.name
+
+    def test_every_function_has_all_hints(self):
+        """So py.typed promises."""
+        self.assertEqual(list(self.unhinted("def f(self, a, *b: int, c: str = ''): pass")), ["f(a)", "f"])
+        folder = os.path.dirname(selenograph.__file__)
+        self.assertIn("py.typed", os.listdir(folder))
+        for name in os.listdir(folder):
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name)) as file:
+                    self.assertEqual(list(self.unhinted(file.read())), [], name)
 
 
 class Requests(unittest.TestCase):

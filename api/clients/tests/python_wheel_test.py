@@ -62,7 +62,8 @@ class Wheel(unittest.TestCase):
         self.assertEqual(os.listdir(folder), [name])
         with zipfile.ZipFile(os.path.join(folder, name)) as wheel:
             modules = sorted(f"selenograph/{name}" for name in os.listdir(os.path.join(self.source, "selenograph"))
-                             if name.endswith(".py"))
+                             if name.endswith((".py", ".typed")))
+            self.assertIn("selenograph/py.typed", modules)  # type checkers read the hints of packages with it only
             self.assertIn("selenograph/__main__.py", modules)
             self.assertEqual(sorted(file for file in wheel.namelist() if ".dist-info/" not in file), modules)
             for module in modules:

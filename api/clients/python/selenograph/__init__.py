@@ -27,6 +27,7 @@ from .async_client import AsyncClient
 from .camera import Camera
 from .client import Client
 from .errors import FrameWarning, Refused
+from .kernels import Kernels
 from .link import Arrival, Link
 from .pose import Pose
 from .sun import Sun
@@ -46,5 +47,5 @@ from .request_types import Request  # noqa: F401
 from .rotations import DIRECTIONS, Vector  # noqa: F401
 from .trajectory import NEED_SUN  # noqa: F401
 
-__all__ = ["Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Link", "Pose", "Refused",
-           "Scan", "Sun", "Trajectory", "random_views"]
+__all__ = ["Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Kernels", "Link", "Pose",
+           "Refused", "Scan", "Sun", "Trajectory", "random_views"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
 from .request_body import without_none
+from .rotations import Vector
 
 # distCoeffs of cv2.calibrateCamera, in its order.
 OPENCV_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
@@ -68,25 +69,25 @@ class Camera(dict):
         return make(width=width, height=height, fx=m[0, 0], fy=m[1, 1], cx=m[0, 2], cy=m[1, 2], distortion=lens)
 
     @classmethod
-    def from_cahvor(cls, a: Sequence[float], h: Sequence[float], v: Sequence[float],
-                    o: Optional[Sequence[float]] = None, r: Sequence[float] = (0, 0, 0), *, width: int, height: int,
-                    linearity: float = 1.0) -> Tuple[Camera, np.ndarray]:
+    def from_cahvor(cls, a: Vector, h: Vector, v: Vector, o: Optional[Vector] = None, r: Vector = (0, 0, 0), *,
+                    width: int, height: int, linearity: float = 1.0) -> Tuple[Camera, np.ndarray]:
         """Makes a camera from the vectors of CAHV, CAHVOR or CAHVORE in any frame, such as a rover's.
 
         Returns the camera and the matrix camera_from_frame, which rotates vectors of that frame into the camera's axes:
         +z is A, +x is H without its share of A. The camera is at C. linearity: 1, or that of CAHVORE's type: 0 for
         type 2, its parameter for type 3. E is left out: lines of sight start in C.
         """
-        a, h, v, r = (np.asarray(vector, float) for vector in (a, h, v, r))
-        o = a if o is None else np.asarray(o, float)
-        across = h - (h @ a) * a
-        if not abs(np.linalg.norm(a) - 1) < 1e-3 or not np.linalg.norm(across) > 0:
-            raise ValueError(f"A is {a.tolist()}, H is {h.tolist()}; a unit vector A and an H across it are needed")
+        vectors = {name: np.asarray(vector, float) for name, vector in zip("AHVO", (a, h, v, a if o is None else o))}
+        axis, horizontal = vectors["A"], vectors["H"]
+        across = horizontal - (horizontal @ axis) * axis
+        if not abs(np.linalg.norm(axis) - 1) < 1e-3 or not np.linalg.norm(across) > 0:
+            raise ValueError(f"A is {axis.tolist()}, H is {horizontal.tolist()}; a unit vector A and an H across it are "
+                             "needed")
         x = across / np.linalg.norm(across)
-        z = a / np.linalg.norm(a)
+        z = axis / np.linalg.norm(axis)
         camera_from_frame = np.array([x, np.cross(z, x), z])
-        vectors = {name: (camera_from_frame @ vector).tolist() for name, vector in zip("AHVO", (a, h, v, o))}
-        cahvor = {**vectors, "R": r.tolist(), "linearity": float(linearity)}
+        cahvor: Dict[str, Any] = {name: (camera_from_frame @ vector).tolist() for name, vector in vectors.items()}
+        cahvor.update({"R": np.asarray(r, float).tolist(), "linearity": float(linearity)})
         return cls(model="pinhole", width=int(width), height=int(height), cahvor=cahvor), camera_from_frame
 
     @classmethod

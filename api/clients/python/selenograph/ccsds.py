@@ -16,6 +16,7 @@ from .rotations import product
 FRAMES = {"MOON_ME": "MOON_ME", "MOON_ME_DE421": "MOON_ME", "MOON_ME_DE440_ME421": "MOON_ME",
           "MOON_PA_DE421": "MOON_PA_DE421", "MOON_PA421": "MOON_PA_DE421", "MOON_PA_DE440": "MOON_PA_DE440",
           "MOON_PA440": "MOON_PA_DE440", "ICRF": "ICRF"}
+ICRF_NAMES = ("ICRF", "EME2000", "J2000")  # axes that differ by 0.02 arcseconds
 METRES_PER_KM = 1e3
 STATE_NUMBERS = 6  # numbers of a line in an OEM: position (km) and velocity (km/s)
 MARKERS = {"META_START": "meta", "META_STOP": "data", "DATA_START": "data", "DATA_STOP": "data",

@@ -17,6 +17,7 @@ from .camera import Camera
 from .client import Client
 from .errors import Refused
 from .frame_order import answers_in_order
+from .kernels import Kernels
 from .moon import lat_lon_of
 from .sun import Sun
 from .trajectory import NEED_SUN, Trajectory
@@ -68,10 +69,16 @@ def _add_render(commands: Any, common: argparse.ArgumentParser) -> None:
 
 def _add_watch(commands: Any, common: argparse.ArgumentParser) -> None:
     watch = commands.add_parser("watch", parents=[common], help="Render a frame for each pose of a trajectory")
-    watch.add_argument("trajectory", help=".csv (Trajectory.from_csv lists its columns), or a CCSDS OEM as text (KVN)")
-    watch.add_argument("--aem", help="CCSDS AEM as text: the attitudes of an OEM's positions")
+    watch.add_argument("trajectory", help=".csv (Trajectory.from_csv lists its columns), a CCSDS OEM as text (KVN), or "
+                       "a SPICE SPK, .bsp")
+    watch.add_argument("--kernel", action="append", default=[], metavar="FILE", help="another SPICE kernel, for an SPK "
+                       "or an OEM in ICRF: a planetary ephemeris, a binary PCK of the Moon's orientation; repeatable")
+    watch.add_argument("--spacecraft", type=int, metavar="CODE", help="NAIF's code of the spacecraft in an SPK")
+    watch.add_argument("--start", metavar="UTC", help="first epoch of an SPK's poses, with --stop and --step-s")
+    watch.add_argument("--stop", metavar="UTC", help="last epoch")
+    watch.add_argument("--aem", help="CCSDS AEM as text: the attitudes of an OEM's or an SPK's positions")
     watch.add_argument("--up-azimuth-deg", type=float, default=0.0,
-                       help="azimuth that is up in the image, for an OEM without AEM: the camera looks at nadir "
+                       help="azimuth that is up in the image, without AEM: the camera looks at nadir "
                        "(default: 0)")
     watch.add_argument("--out", required=True, metavar="DIR", help="folder for the frames, 00000.npz and so on")
     watch.add_argument("--request", help="JSON file with what all frames have in common; its pose is not used "
@@ -113,7 +120,14 @@ def _read_trajectory(options: argparse.Namespace) -> Trajectory:
     if options.trajectory.lower().endswith(".csv"):
         return Trajectory.from_csv(options.trajectory)
     azimuth_deg = None if options.aem else options.up_azimuth_deg
-    return Trajectory.from_ccsds(options.trajectory, options.aem, up_azimuth_deg=azimuth_deg)
+    if options.trajectory.lower().endswith(".bsp"):
+        if None in (options.spacecraft, options.start, options.stop, options.step_s):
+            raise ValueError("an SPK needs --spacecraft, --start, --stop and --step-s")
+        kernels = Kernels(options.trajectory, *options.kernel)
+        return Trajectory.from_spk(kernels, options.spacecraft, start=options.start, stop=options.stop,
+                                   step_s=options.step_s, aem=options.aem, up_azimuth_deg=azimuth_deg)
+    trajectory = Trajectory.from_ccsds(options.trajectory, options.aem, up_azimuth_deg=azimuth_deg)
+    return trajectory.in_moon_frame(Kernels(*options.kernel)) if options.kernel else trajectory
 
 
 def _common_request(options: argparse.Namespace, trajectory: Trajectory) -> Dict[str, Any]:

@@ -40,6 +40,8 @@ class Track:
         k = int(np.searchsorted(self.times, time_s))
         if k < len(self.times) and self.times[k] == time_s:
             return self.positions[k].copy()
+        if self.nodes % 2 and k > 0 and (k == len(self.times) or 2 * time_s < self.times[k - 1] + self.times[k]):
+            k -= 1  # an odd number of nodes lies around the nearest one
         start = min(max(k - self.nodes // 2, 0), len(self.times) - self.nodes)
         nearest = slice(start, start + self.nodes)
         # Take each node twice where velocities are given: the first differences of a pair are its velocity.

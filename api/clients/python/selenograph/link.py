@@ -108,6 +108,7 @@ def _torn(frame: Mapping[str, np.ndarray], before: Mapping[str, np.ndarray], sha
     for name, array in frame.items():
         row = round(share * array.shape[0])
         old = before.get(name)
-        fits = old is not None and old.shape == array.shape
-        out[name] = np.concatenate((array[:row], old[row:])) if fits else array
+        out[name] = array
+        if old is not None and old.shape == array.shape:
+            out[name] = np.concatenate((array[:row], old[row:]))
     return out

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import copy
 import datetime
 import math
-from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from .ccsds import FRAMES, Path, Segment, common_value, read_kvn
-from .epochs import datetime_of, utc_text
+from .ccsds import FRAMES, ICRF_NAMES, Path, Segment, common_value, read_kvn
+from .epochs import Epoch, datetime_of, et_of, parse_epoch, utc_text
 from .interpolation import Track, Turns, segment_at
+from .kernels import Kernels, SpkTrack, When
 from .moon import INERTIAL
 from .pose import Pose
 from .request_types import AnyFrameRequest
-from .rotations import Vector
+from .rotations import Vector, product, quaternion_of
 from .sun import Sun
 from .trajectory_csv import read_trajectory_csv
 
@@ -38,6 +40,7 @@ class Trajectory:
     """
 
     times_s: np.ndarray  # times of the positions, where there is also an attitude
+    _kernels: Optional[Kernels] = None  # of the Moon's orientation and the Sun
 
     def __init__(self, times_s: Vector, positions_m: Any, *, velocities_m_s: Any = None, attitudes: Any = None,
                  direction: Optional[str] = None, up_azimuth_deg: Any = None,
@@ -54,7 +57,7 @@ class Trajectory:
             raise ValueError('attitudes need a direction: "camera_from_moon" or "moon_from_camera"')
         self._set_segments([track], [Turns(times_s, attitudes, direction)], None, start, frame)
 
-    def _set_segments(self, tracks: List[Track], turns: List[Turns], azimuths: Optional[Azimuths],
+    def _set_segments(self, tracks: Sequence[Union[Track, SpkTrack]], turns: List[Turns], azimuths: Optional[Azimuths],
                       start: Optional[datetime.datetime], frame: str) -> None:
         """Sets all members. The camera has either turns or azimuths."""
         if start is not None and start.tzinfo is None:
@@ -101,20 +104,13 @@ class Trajectory:
         frame: name of the files' REF_FRAME in requests, where it is not MOON_ME, MOON_PA_DE421, MOON_PA_DE440 or ICRF;
         "J2000", of EME2000 say.
         """
-        if (aem is None) == (up_azimuth_deg is None):
-            raise ValueError("write either aem= (attitudes) or up_azimuth_deg= (the camera looks at nadir)")
-        if camera_from_body is not None and aem is None:
-            raise ValueError("camera_from_body goes with aem=: without attitudes the camera looks at nadir")
         orbit = read_kvn(oem, "OEM")
-        attitude = [] if aem is None else read_kvn(aem, "AEM")
-        time_system = common_value(oem, orbit + attitude, "TIME_SYSTEM")
+        time_system = common_value(oem, orbit, "TIME_SYSTEM")
         file_frame = common_value(oem, orbit, "REF_FRAME")
         request_frame = _request_frame(oem, orbit, frame)
         epoch = min(segment.epochs[0] for segment in orbit)
         tracks = [segment.track(epoch) for segment in orbit]
-        mounting = _mounting(camera_from_body)
-        turns = [segment.turns(epoch, file_frame, mounting) for segment in attitude]
-        azimuths = None if aem is not None else (np.zeros(1), np.array([float(up_azimuth_deg or 0)]))
+        turns, azimuths = _attitudes(aem, up_azimuth_deg, camera_from_body, epoch, time_system, file_frame)
         start = datetime_of(epoch) if time_system.upper() == "UTC" else None
         trajectory = cls.__new__(cls)
         trajectory._set_segments(tracks, turns, azimuths, start, request_frame)
@@ -122,6 +118,46 @@ class Trajectory:
             raise ValueError(f"{oem}: TIME_SYSTEM is {time_system}; with REF_FRAME {file_frame} UTC is needed, since "
                              "the Moon's rotation depends on it")
         return trajectory
+
+    @classmethod
+    def from_spk(cls, kernels: Kernels, spacecraft: int, *, start: When, stop: When, step_s: float,
+                 aem: Optional[Path] = None, up_azimuth_deg: Optional[float] = None,
+                 camera_from_body: Any = None) -> Trajectory:
+        """Takes the positions of a spacecraft (NAIF's code) from SPICE kernels, in steps from `start` to `stop` in UTC.
+
+        Positions between the steps are the kernels', too. Attitudes: see from_ccsds; the AEM's other frame than the
+        body's is ICRF, EME2000 or J2000. With a PCK among the kernels, poses are in its frame of the Moon, without one
+        in ICRF, which the service rotates by a model accurate to 0.01 degrees (300 m on the ground). With a PCK and a
+        planetary ephemeris, `requests` takes the Sun from them.
+        """
+        if not 0 < step_s < math.inf:
+            raise ValueError(f"step_s is {step_s:g}; seconds above 0 are needed")
+        epoch = parse_epoch(start if isinstance(start, str) else utc_text(start), "start")
+        duration_s = et_of(stop) - et_of(start)
+        if duration_s < 0:
+            raise ValueError(f"start is {start}, later than stop, {stop}")
+        # Round generously: seconds since an epoch have six digits after the point.
+        times = step_s * np.arange(math.floor(duration_s / step_s + 1e-6) + 1)
+        track = SpkTrack(kernels, spacecraft, et_of(start), times)
+        turns, azimuths = _attitudes(aem, up_azimuth_deg, camera_from_body, epoch, "UTC", "ICRF")
+        trajectory = cls.__new__(cls)
+        trajectory._set_segments([track], turns, azimuths, datetime_of(epoch), "ICRF")
+        return trajectory.in_moon_frame(kernels) if kernels.moon_frame else trajectory
+
+    def in_moon_frame(self, kernels: Kernels) -> Trajectory:
+        """Returns the trajectory with its inertial poses turned by the Moon's orientation in a binary PCK.
+
+        Where the kernels have the Sun and the Moon, `requests` takes the Sun from them.
+        """
+        if self.frame not in INERTIAL or self.start is None:
+            raise ValueError(f"the trajectory is in {self.frame}; only one in {' or '.join(INERTIAL)} with epochs "
+                             "needs the Moon's orientation")
+        if kernels.moon_frame is None:
+            raise ValueError("the kernels have no orientation of the Moon: add a binary PCK")
+        turned = copy.copy(self)
+        turned._kernels = kernels
+        turned.frame = kernels.moon_frame
+        return turned
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -135,7 +171,8 @@ class Trajectory:
         track = segment_at(self._tracks, time_s)
         if track is None:
             raise ValueError(f"no position at {time_s:g} s; there are positions from {_spans(self._tracks)} s")
-        return track.at(time_s)
+        position: np.ndarray = track.at(time_s)
+        return position if self._kernels is None else self._kernels.moon_from_icrf(self._et_s(time_s)) @ position
 
     def at(self, time_s: float) -> Pose:
         """Returns the pose at a time, in seconds as in times_s. There is no extrapolation."""
@@ -147,11 +184,26 @@ class Trajectory:
             turns = segment_at(self._turns, float(time_s))
             if turns is None:
                 raise ValueError(f"no attitude at {time_s:g} s; there are attitudes from {_spans(self._turns)} s")
-            pose = Pose.from_quaternion(turns.at(float(time_s)), order="wxyz", direction=turns.direction,
+            pose = Pose.from_quaternion(self._in_frame(turns, float(time_s)), order="wxyz", direction=turns.direction,
                                         position_m=position, frame=self.frame)
         if self.frame in INERTIAL:
             pose["utc"] = self.utc(time_s)
         return pose
+
+    def _in_frame(self, turns: Turns, time_s: float) -> np.ndarray:
+        """Returns the attitude at a time, turned into `frame`."""
+        q = turns.at(time_s)
+        if self._kernels is None:
+            return q
+        moon_from_icrf = quaternion_of(self._kernels.moon_from_icrf(self._et_s(time_s)))
+        if turns.direction == "moon_from_camera":
+            return product(moon_from_icrf, q)
+        return product(q, moon_from_icrf * [1, -1, -1, -1])
+
+    def _et_s(self, time_s: float) -> float:
+        """Returns SPICE's Ephemeris Time of a time of a trajectory that has an epoch."""
+        assert self.start is not None
+        return et_of(self.start) + time_s
 
     def utc(self, time_s: float) -> str:
         """Returns the epoch of a time, for Sun.utc."""
@@ -171,7 +223,9 @@ class Trajectory:
         for time_s in self.times_s if times_s is None else times_s:
             changes: Dict[str, Any] = {"pose": self.at(time_s)}
             if "sun" not in request and self.start is not None:
-                changes["sun"] = Sun.utc(self.utc(time_s))
+                utc = self.utc(time_s)
+                kernels = self._kernels
+                changes["sun"] = kernels.sun(utc) if kernels is not None and kernels.has_sun else Sun.utc(utc)
             requests.append({**request, **changes})
         return requests
 
@@ -196,6 +250,32 @@ def _request_frame(oem: Path, orbit: List[Segment], frame: Optional[str]) -> str
     if center.upper() not in ("MOON", "LUNA"):
         raise ValueError(f"{oem}: CENTER_NAME is {center}; MOON is needed")
     return request_frame
+
+
+def _attitudes(aem: Optional[Path], up_azimuth_deg: Optional[float], camera_from_body: Any, epoch: Epoch,
+               time_system: str, frame: str) -> Tuple[List[Turns], Optional[Azimuths]]:
+    """Returns the attitudes of an AEM with times since `epoch`, or the azimuth of a camera that looks at nadir.
+
+    time_system, frame: those of the positions. Positions in ICRF go with an AEM's ICRF, EME2000 or J2000.
+    """
+    if (aem is None) == (up_azimuth_deg is None):
+        raise ValueError("write either aem= (attitudes) or up_azimuth_deg= (the camera looks at nadir)")
+    if aem is None:
+        if camera_from_body is not None:
+            raise ValueError("camera_from_body goes with aem=: without attitudes the camera looks at nadir")
+        return [], (np.zeros(1), np.array([float(up_azimuth_deg or 0)]))
+    segments = read_kvn(aem, "AEM")
+    attitude_time_system = common_value(aem, segments, "TIME_SYSTEM")
+    if attitude_time_system != time_system:
+        raise ValueError(f"{aem}: TIME_SYSTEM is {time_system} and {attitude_time_system}; positions and attitudes "
+                         "need the same")
+    mounting = _mounting(camera_from_body)
+    turns = []
+    for segment in segments:
+        frames = [segment.meta.get(key, "").upper() for key in ("REF_FRAME_A", "REF_FRAME_B")]
+        alike = ICRF_NAMES if frame.upper() in ICRF_NAMES else (frame,)
+        turns.append(segment.turns(epoch, next((name for name in alike if name in frames), frame), mounting))
+    return turns, None
 
 
 def _mounting(camera_from_body: Any) -> np.ndarray:
