@@ -104,6 +104,14 @@ struct VerifyMoonSettings {
   std::string output;  // folder
 };
 
+struct VerifyPhotographsSettings {
+  TerrainSettings terrain;
+  std::string images;  // folder of the photographs
+  std::string views;   // views of the photographs; empty: views.json in `images`
+  bool fit = false;    // fit the views instead, and write them
+  std::string output;  // folder
+};
+
 struct VerifyGroundSettings {
   TerrainSettings terrain;
   std::string detail;  // name in the assets folder
@@ -129,6 +137,7 @@ void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
 void add_options(CLI::App& command, VerifyMoonSettings& settings);
+void add_options(CLI::App& command, VerifyPhotographsSettings& settings);
 void add_options(CLI::App& command, VerifyGroundSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
@@ -147,6 +156,7 @@ int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
 int verify_moon(const VerifyMoonSettings& settings);
+int verify_photographs(const VerifyPhotographsSettings& settings);
 int verify_ground(const VerifyGroundSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 

@@ -310,6 +310,18 @@ void add_options(CLI::App& command, VerifyMoonSettings& s) {
   add_options(command, s.terrain);
 }
 
+void add_options(CLI::App& command, VerifyPhotographsSettings& s) {
+  command
+      .add_option("--images", s.images,
+                  "Compare the photographs of this folder, listed in its views.json (engine/verify/photographs.md)")
+      ->required()
+      ->type_name("DIR");
+  command.add_option("--views", s.views, "Read the views from this file instead")->type_name("VIEWS.json");
+  command.add_flag("--fit", s.fit, "Fit the views to the photographs instead, and write them to views.json");
+  command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
 void add_options(CLI::App& command, VerifyGroundSettings& s) {
   command.add_option("--detail", s.detail, "Measure this detail of the assets folder")->required()->type_name("NAME");
   command.add_option("--places", s.places, "Measure this many squares of 40 x 40 baselines for each baseline")
