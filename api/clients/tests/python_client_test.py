@@ -851,6 +851,40 @@ class Readme(unittest.TestCase):
         self.assertGreater(len(arrivals), 3)
         self.assertLess(namespace["state"]["height_m"], 5000)
 
+    def test_a_campaign_is_planned(self):
+        """The block of deploy/campaigns/campaigns.md with fewer flights, three of its frames and a map by the commands."""
+        with open(os.path.join(REPOSITORY, "deploy", "campaigns", "campaigns.md")) as file:
+            section = file.read().split("## 200 flights with a wrong map")[1]
+        block = re.search(r"^```python\n(.*?)^```", section, re.M | re.S)[1]
+        self.addCleanup(os.chdir, os.getcwd())
+        os.makedirs(harness.path("campaign"))
+        os.chdir(harness.path("campaign"))
+        plan = {}
+        exec(block.replace("http://127.0.0.1:8080", url()).replace("FLIGHTS = 200", "FLIGHTS = 2"), plan)
+        plan["client"].close()
+        with open("flights.jsonl") as file:
+            lines = [json.loads(line) for line in file]
+        self.assertEqual([line["name"] for line in lines], ["000-0", "000-1", "000-2", "001-0", "001-1", "001-2"])
+        harness.write("campaign/three.jsonl", "".join(json.dumps(line) + "\n" for line in lines[:3]))
+        options = ["--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
+                   os.path.join(REPOSITORY, "deploy", "assets")]
+        for command in (["batch", "three.jsonl", "-o", "frames"], ["map", "maps/001.json", "-o", "maps/001.npz"]):
+            done = harness.run(*command, *options)
+            self.assertEqual(done.returncode, 0, done.stderr)
+        for line in lines[:3]:
+            with open(f"frames/{line['name']}.npz", "rb") as file:
+                frame = harness.arrays_of(file.read())
+            region = line["sensor"]["exposure"]["metering"]["region"]
+            rows, columns = (slice(region[c], region[c] + region[size]) for c, size in (("y", "height"), ("x", "width")))
+            # The metered mean is half of the largest number; the site, in the middle of the region, is where it looks.
+            self.assertAlmostEqual(frame["image"][rows, columns].mean() / 4095, 0.5, delta=0.02)
+            x, y, z = frame["position"][rows, columns][24, 24]
+            self.assertAlmostEqual(math.degrees(math.asin(z / math.hypot(x, y, z))), -6.5, delta=0.002)
+            self.assertEqual(frame["meta"]["request"]["camera"]["cahvor"]["R"], [0, -0.05, 0.01])
+            self.assertLess(frame["meta"]["exposure"]["integration_time_s"], 0.01)
+        with open("maps/001.npz", "rb") as file:
+            self.assertEqual(harness.arrays_of(file.read())["meta"]["request"]["map_error"]["seed"], 1)
+
     def test_its_links_and_those_of_the_conventions_lead_somewhere(self):
         clients = os.path.dirname(FOLDER)
         for page in ("README.md", "conventions.md", os.path.join("python", "README.md"),

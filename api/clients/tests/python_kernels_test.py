@@ -232,6 +232,12 @@ class Directions(WithKernels):
         self.assertEqual(kernels.moon_frame, "MOON_PA_DE440")
         for et in (*SPAN, ET, ET + 1234.5):
             np.testing.assert_allclose(kernels.moon_from_icrf(et), moon_axes(et), atol=1e-11)
+        # The last file's frame is that of all poses, also where only another one covers the time.
+        later = written.write_daf(harness.path("later.bpc"), "PCK", [written.pck_moon(angles, ET, SPAN[1], 31006)])
+        both = self.kernels(orientation(), later)
+        self.assertEqual(both.moon_frame, "MOON_PA_DE421")
+        with self.assertRaisesRegex(ValueError, "no kernel has the Moon's orientation"):
+            both.moon_from_icrf(ET - 10)
 
     def test_the_mean_earth_frame_is_the_services(self):
         for code, frame in ((31008, "MOON_PA_DE440"), (31006, "MOON_PA_DE421")):

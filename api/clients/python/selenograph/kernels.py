@@ -125,7 +125,8 @@ class Kernels:
 
     def moon_from_icrf(self, et_s: float) -> np.ndarray:
         """Returns the rotation matrix from ICRF into `moon_frame`."""
-        segment = next((s for s in self._pck if s.initial_second <= et_s <= s.final_second), None)
+        of_frame = [s for s in self._pck if s.body == self._pck[0].body]
+        segment = next((s for s in of_frame if s.initial_second <= et_s <= s.final_second), None)
         if segment is None:
             raise ValueError(f"no kernel has the Moon's orientation at et_s = {et_s:.3f}; a binary PCK is needed, such "
                              "as moon_pa_de440_200625.bpc")
