@@ -11,6 +11,7 @@ import dataclasses
 import importlib.util
 import io
 import os
+import pathlib
 import re
 import sys
 import types
@@ -178,6 +179,89 @@ def basilisk_stand_ins():
     return {"Basilisk": types.ModuleType("Basilisk"), "Basilisk.architecture": architecture}
 
 
+def scenario_stand_ins(PN, sun_N):
+    """The parts of Basilisk that the scenario sees besides: a simulation that calls each model at its task's rate, a
+    spacecraft on a circle with a constant rate, and bodies whose states are given."""
+    simulation, utilities = types.ModuleType("Basilisk.simulation"), types.ModuleType("Basilisk.utilities")
+
+    class SimBaseClass:
+        def __init__(self):
+            self.tasks, self.models, self.stop = [], [], None
+
+        def CreateNewProcess(self, name):
+            return types.SimpleNamespace(addTask=self.tasks.append)
+
+        def CreateNewTask(self, name, rate):
+            return (name, rate)
+
+        def AddModelToTask(self, task, model, priority=-1):
+            rate, = [rate for name, rate in self.tasks if name == task]
+            self.models.append((self.tasks.index((task, rate)), -priority, rate, model))
+
+        def InitializeSimulation(self):
+            self.models.sort(key=lambda entry: entry[:2])
+            for *_, model in self.models:
+                model.Reset(0)
+            self.next = 0
+
+        def ConfigureStopTime(self, time):
+            assert type(time) is int
+            self.stop = time
+
+        def ExecuteSimulation(self):
+            while self.next <= self.stop:
+                for *_, rate, model in self.models:
+                    if self.next % rate == 0:
+                        model.UpdateState(self.next)
+                self.next += min(rate for _, rate in self.tasks)
+
+    class Spacecraft:
+        def __init__(self):
+            self.hub = types.SimpleNamespace()
+            self.scStateOutMsg = types.SimpleNamespace(name="SCStatesMsgPayload")
+
+        def Reset(self, time):
+            assert numpy.allclose(self.hub.IHubPntBc_B, 100 * numpy.eye(3)) and self.mu
+            self.r, self.v = numpy.array(self.hub.r_CN_NInit), numpy.array(self.hub.v_CN_NInit)
+            speed = numpy.linalg.norm(self.v)
+            assert abs(speed ** 2 * numpy.linalg.norm(self.r) / self.mu - 1) < 1e-9 and abs(self.r @ self.v) < 1
+
+        def UpdateState(self, time):
+            s = numpy.array(self.hub.sigma_BNInit)
+            BN = rotation(s, -4 * numpy.arctan(numpy.linalg.norm(s)))
+            rate_N = numpy.cross(self.r, self.v) / (self.r @ self.r)
+            numpy.testing.assert_allclose(BN.T @ self.hub.omega_BN_BInit, rate_N, atol=1e-12)
+            turn = rotation(rate_N, numpy.linalg.norm(rate_N) * time * 1e-9)
+            vars(self.scStateOutMsg).update(vars(Payload("SCStatesMsgPayload", r_BN_N=turn @ self.r,
+                                                         sigma_BN=mrp_of(BN @ turn.T))))
+
+    class gravBodyFactory:
+        mu = 4902.8e9
+
+        def createMoon(self):
+            self.moon = types.SimpleNamespace(mu=self.mu)
+            return self.moon
+
+        def createSun(self):
+            return types.SimpleNamespace()
+
+        def createSpiceInterface(self, path, time, spiceKernelFileNames, spicePlanetFrames):
+            assert path.endswith("/") and self.moon.isCentralBody and spicePlanetFrames == ["MOON_ME", "IAU_SUN"]
+            return types.SimpleNamespace(Reset=lambda time: None, UpdateState=lambda time: None, planetStateOutMsgs=[
+                Payload("SpicePlanetStateMsgPayload", J20002Pfix=PN),
+                Payload("SpicePlanetStateMsgPayload", PositionVector=sun_N, J20002Pfix=numpy.eye(3))])
+
+        def addBodiesTo(self, craft):
+            craft.mu = self.mu
+
+    simulation.spacecraft = types.SimpleNamespace(Spacecraft=Spacecraft)
+    utilities.RigidBodyKinematics = types.SimpleNamespace(C2MRP=mrp_of)
+    utilities.SimulationBaseClass = types.SimpleNamespace(SimBaseClass=SimBaseClass)
+    utilities.macros = types.SimpleNamespace(sec2nano=lambda s: int(s * 1e9), min2nano=lambda m: int(m * 60e9))
+    utilities.simIncludeGravBody = types.SimpleNamespace(gravBodyFactory=gravBodyFactory)
+    return {"Basilisk.simulation": simulation, "Basilisk.utilities": utilities}
+
+
 class Basilisk(Adapter):
     def setUp(self):
         super().setUp()
@@ -223,6 +307,32 @@ class Basilisk(Adapter):
         numpy.testing.assert_allclose(out.frame["range"], self.right["range"], rtol=0, atol=1e-4)
         self.assertLess(numpy.mean(out.image != self.right["image"]), 0.01)
         self.assertGreater(len(numpy.unique(out.image)), 5)
+
+    def test_the_scenario(self):
+        """At minute 0 straight down on the terrain at 6.5 S 40 E; a minute later the orbit has gone on by 3.2 degrees."""
+        start = numpy.array([0.3, -0.9, -0.3]) / numpy.linalg.norm([0.3, -0.9, -0.3])  # in N, as in the scenario
+        lat, lon = numpy.radians([-6.5, 40.0])
+        place = numpy.array([numpy.cos(lat) * numpy.cos(lon), numpy.cos(lat) * numpy.sin(lon), numpy.sin(lat)])
+        axis = numpy.cross(start, place)
+        PN = rotation(axis, numpy.arcsin(numpy.linalg.norm(axis)) if start @ place > 0 else
+                      numpy.pi - numpy.arcsin(numpy.linalg.norm(axis)))
+        modules = {**basilisk_stand_ins(), **scenario_stand_ins(PN, 149597870700.0 * numpy.array([-0.5, -0.8, -0.33]))}
+        with in_place({**modules, "selenograph_camera": self.module}):
+            scenario = loaded("basilisk", "scenario_lunar_orbit.py")
+            folder = pathlib.Path(harness.path("orbit"))
+            folder.mkdir()
+            taken = scenario.run(self.client, "kernels", 1, folder)
+        self.assertEqual([message.valid for message in taken], [1, 1])
+        views = [message.frame.meta["view"] for message in taken]
+        self.assertAlmostEqual(views[0]["lat_deg"], -6.5, delta=1e-6)
+        self.assertAlmostEqual(views[0]["lon_deg"], 40.0, delta=1e-6)
+        self.assertEqual(taken[0].image.shape, (512, 512))
+        self.assertGreater(numpy.nanmean(taken[0].frame["lit"]), 0.9)
+        positions = [numpy.array(message.frame.meta["request"]["pose"]["position_m"]) for message in taken]
+        turned = numpy.arccos(positions[0] @ positions[1] / numpy.prod(numpy.linalg.norm(positions, axis=1)))
+        self.assertAlmostEqual(numpy.degrees(turned), numpy.degrees(numpy.sqrt(4902.8e9 / 1837.4e3 ** 3) * 60), delta=1e-6)
+        self.assertLess(views[1]["off_nadir_deg"], 1e-3)
+        self.assertEqual(numpy.load(folder / "frame-000.npy").tolist(), taken[0].image.tolist())
 
     def test_refusals_give_no_image(self):
         model = self.camera(height_m=-5000.0)
