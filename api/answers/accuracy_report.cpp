@@ -78,6 +78,23 @@ constexpr const char* kMarkdownHead =
     "geometric error px: median / 99.9 % / worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge "
     "px: mean / 99.9 % / worst | wrong shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
 
+// Returns true for the default limits of error, with any number of samples.
+bool has_default_limits(const SweepRow& row) {
+  const engine::Accuracy standard;
+  return row.setting.max_error_px == standard.max_error_px &&
+         row.setting.max_shadow_error_px == standard.max_shadow_error_px;
+}
+
+// Returns a scene's table: the rows with the default limits, then the others, folded.
+std::string markdown_table(const std::vector<SweepRow>& rows, const std::string& scene) {
+  std::string defaults = kMarkdownHead, others = kMarkdownHead;
+  for (const SweepRow& row : rows) {
+    if (row.scene != scene) continue;
+    (has_default_limits(row) ? defaults : others) += markdown_row(row);
+  }
+  return fmt::format("{}\n<details><summary>other limits of error</summary>\n\n{}\n</details>\n", defaults, others);
+}
+
 }  // namespace
 
 std::string samples_text(const engine::Accuracy& setting) {
@@ -104,11 +121,8 @@ std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vect
       "samples per pixel; radiance relative to the mean of the sunlit pixels. \"edges\": with `edge_samples` 4. With "
       "detail, max_error_px is followed by the detail target.\n",
       machine);
-  for (const engine::AccuracyScene& scene : scenes) {
-    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, kMarkdownHead);
-    for (const SweepRow& r : rows)
-      if (r.scene == scene.name) text += markdown_row(r);
-  }
+  for (const engine::AccuracyScene& scene : scenes)
+    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, markdown_table(rows, scene.name));
   return text;
 }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 
 #include "api/encode/arrays.h"
 #include "api/endpoints/routes.h"
@@ -46,6 +47,16 @@ std::string products_markdown() {
   return out;
 }
 
+// Objects of nearly every request: their members are open to the reader, those of others are folded.
+constexpr std::array<std::string_view, 4> kOpenObjects{"FrameRequest", "Camera", "Pose", "Sun"};
+
+std::string object_markdown(const MemberTable& table) {
+  std::string text = table.markdown(Limits{});
+  if (std::find(kOpenObjects.begin(), kOpenObjects.end(), table.name()) != kOpenObjects.end()) return text;
+  text.insert(text.find("| member |"), "<details><summary>members</summary>\n\n");
+  return text + "\n</details>\n";
+}
+
 }  // namespace
 
 std::vector<const MemberTable*> request_tables() {
@@ -61,7 +72,7 @@ std::string requests_markdown() {
       "Angles are in degrees, lengths in metres, positions in\nMOON_ME.\n\n| call | body |\n|---|---|\n";
   for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
   out += fmt::format("\n{}\n## Objects\n", products_markdown());
-  for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", table->markdown(Limits{}));
+  for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", object_markdown(*table));
   return out;
 }
 

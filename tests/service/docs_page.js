@@ -29,7 +29,7 @@ async function main(url) {
   const asked = fetch;
   Object.assign(globalThis, {
     document: {body, createElement: name => new Element(name), getElementById: id => [...body].find(e => e.id === id)},
-    location: {origin: url, hash: ""},
+    location: {origin: url, hash: ""}, addEventListener: () => {},
     fetch: async (path, options) => latest = await asked(new URL(path, url), options)});
   vm.runInThisContext(await get("/marked.js"));
   for (const [, script] of html.matchAll(/<script>([^]*?)<\/script>/g)) vm.runInThisContext(script, {filename: "docs.html"});

@@ -22,6 +22,7 @@ try:
     from scipy.spatial.transform import Rotation
     from selenium import webdriver
     from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.ui import WebDriverWait
 except ImportError:
     webdriver = None
@@ -29,6 +30,7 @@ except ImportError:
 
 SCREENSHOTS = os.environ.get("SELENOGRAPH_SCREENSHOTS")
 LAPTOP, NARROW = (1366, 768), (600, 900)
+SMALL, PHONE = (1280, 720), (500, 844)  # Chromium makes no window narrower
 
 
 def setUpModule():
@@ -214,6 +216,32 @@ class InABrowser(unittest.TestCase):
         self.at_size(NARROW)
         self.wait(lambda: self.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"))
         self.screenshot("page-narrow")
+
+    def test_on_small_screens_nothing_is_cut_off(self):
+        for size in (SMALL, PHONE):
+            self.at_size(size)
+            self.open()
+            cut, narrow, beyond = self.browser.execute_script("""
+                const shown = kind => [...document.querySelectorAll(kind)].filter(e => e.offsetWidth);
+                return [shown('input:not([type=range]), select, textarea').filter(e => e.scrollWidth > e.clientWidth).map(e => e.id),
+                        shown('input[type=range]').filter(e => e.offsetWidth < 100).map(e => e.id),
+                        shown('input, select, button, canvas').filter(e => e.getBoundingClientRect().right > innerWidth).map(e => e.id)]""")
+            self.assertEqual((cut, narrow, beyond), ([], [], []), size)
+
+    def test_the_keyboard_moves_map_and_camera(self):
+        self.open()
+        self.wait(lambda: self.data("maps"))
+        map_ = self.browser.find_element(By.ID, "map")
+        before = self.browser.execute_script("return [area.lat, area.lon, area.per_px]")
+        map_.send_keys(Keys.ARROW_UP, Keys.ARROW_RIGHT, "+")
+        after = self.browser.execute_script("return [area.lat, area.lon, area.per_px]")
+        self.assertTrue(after[0] > before[0] and after[1] > before[1] and after[2] < before[2], (before, after))
+        self.assertTrue(self.changes(lambda: map_.send_keys(Keys.ENTER)))
+        self.assertAlmostEqual(self.browser.execute_script("return camera.lat_deg - area.lat"), 0, 9)
+        # Everything that can be done with the mouse alone can be reached: the frame shows, it takes nothing.
+        reached = self.browser.execute_script("return [...document.querySelectorAll('input, select, button, canvas[id], summary')]"
+                                              ".filter(e => e.tabIndex < 0).map(e => e.id)")
+        self.assertEqual(reached, ["frame"])
 
     def test_synthetic_terrain_is_named_and_only_that(self):
         self.open()
@@ -484,13 +512,19 @@ class InABrowser(unittest.TestCase):
             self.browser.execute_script("document.getElementById('renderFrame').scrollIntoView()")
             self.screenshot("docs-call-" + name)
         text = self.unfold()
-        for said in ("POST /v1/frames", "height_m", "example: nadir", "exactly one of fov_deg, fx, focal_length_mm is required"):
+        for said in ("POST /v1/frames", "height_m", "example: nadir", "exactly one of fov_deg, fx, focal_length_mm, cahvor is required"):
             self.assertIn(said, text)
         for raw in ("##", "|--", "`", "**", "[object", "undefined"):
             self.assertNotIn(raw, text)
         about = self.browser.find_element(By.CSS_SELECTOR, "h1 + div")
         self.assertTrue(about.find_elements(By.TAG_NAME, "h2") and about.find_elements(By.CSS_SELECTOR, "table td code"))
         self.assertEqual(self.errors(), [])
+
+    def test_the_api_document_opens_with_what_most_need(self):
+        self.open_docs()
+        self.assertLess(len(self.browser.find_element(By.TAG_NAME, "body").text), 30000)
+        self.browser.execute_script("location.hash = '#object-Camera'")
+        self.wait(lambda: "fov_deg" in self.browser.find_element(By.CSS_SELECTOR, "#object-Camera + details").text)
 
     def test_the_api_document_has_a_section_for_each_call_with_its_members(self):
         self.open_docs()
@@ -501,7 +535,7 @@ class InABrowser(unittest.TestCase):
             self.assertTrue(self.browser.find_elements(By.CSS_SELECTOR, f"nav a[href='#{id_}']"), id_)
         self.unfold()
         rows = self.browser.execute_script("""
-            const camera = document.querySelector('#object-Camera ~ .scroll table');
+            const camera = document.querySelector('#object-Camera + details .scroll table');
             return [...camera.rows].map(row => [...row.cells].map(cell => cell.innerText))""")
         self.assertEqual(rows[0], ["member", "type", "range", "unit", "default", "meaning"])
         fov, = (row for row in rows if row[0] == "fov_deg")

@@ -156,8 +156,10 @@ class OtherCalls(WithService):
         self.assertTrue(headers["Content-Type"].startswith("text/plain; version=0.0.4"))
         text = body.decode()
         self.assertRegex(text, r'selenograph_http_requests_total\{route="/v1/frames",method="POST",status="200"\} [1-9]')
-        build = re.search(r'selenograph_build_info\{version="[^"]+",build="([0-9a-f]{16})"\} 1', text)[1]
+        version, build = re.search(r'selenograph_build_info\{version="([^"]+)",build="([0-9a-f]{16})"\} 1', text).groups()
         self.assertEqual(self.service.ask("GET", "/health/ready")[1]["Selenograph-Build"], build)
+        for path in ("/v1/datasets", "/nowhere", "/metrics"):  # clients compare it with their own
+            self.assertEqual(self.service.ask("GET", path)[1]["Server"], f"selenograph/{version}")
         self.assertGreater(self.service.metric("process_resident_memory_bytes"), 1e6)
         families = re.findall(r"^# TYPE (\S+)", text, re.M)
         self.assertEqual(len(families), len(set(families)))
