@@ -17,6 +17,7 @@ import harness
 from harness import REPOSITORY, Service
 
 FROZEN = os.path.join(REPOSITORY, "api", "v1.openapi.json")
+MANUAL = os.path.join(REPOSITORY, "deploy", "operation", "package", "selenograph.1")
 NAMES = os.path.join(REPOSITORY, "api", "v1.names.json")
 TEXTS = ("description", "summary", "title", "examples", "example", "info", "servers", "tags", "license")
 # Bounds of which a request may only get looser, and the sign of that.
@@ -290,6 +291,14 @@ class Compatibility(unittest.TestCase):
         self.assertGreater(len(said["metrics"]), 30)
         self.assertEqual(list(gone(frozen(NAMES), said)), [])
         self.assertEqual(said, frozen(NAMES), "compatible, but not in the file: compatibility_test.py --write")
+
+    def test_the_manual_has_each_command(self):
+        with open(MANUAL) as file:
+            page = file.read()
+        listed = page[page.index(".SH COMMANDS"):page.index(".SH CONFIGURATION")]
+        for words in map(str.split, filter(None, commands())):
+            self.assertRegex(listed, rf"(?m)^\.TP\n\.B {words[0]}$")
+            self.assertRegex(listed, rf"(?m)^\.BR? {words[-1]}\b")
 
     def test_names_that_go_are_found(self):
         less = copy.deepcopy(frozen(NAMES))

@@ -135,6 +135,8 @@ TEST(AccuracyReport, CsvHasAColumnForEachMeasure) {
 TEST(AccuracyReport, MarkdownHasARowForEachSetting) {
   const std::string text = accuracy_markdown(two_rows(), {{"nadir", "straight down", {}}}, "a machine");
   EXPECT_NE(text.find("## nadir: straight down"), std::string::npos);
+  EXPECT_LT(text.find("| 0.5 | 16 | 1 | 0.50 |"), text.find("<details>")) << "the defaults are open to the reader";
+  EXPECT_GT(text.find("| 0.25 | 16 | 1 | 2.00 |"), text.find("<details>"));
   EXPECT_NE(text.find("| 0.25 | 16 | 1 | 2.00 |"), std::string::npos);
   EXPECT_NE(text.find("a machine"), std::string::npos);
 }
