@@ -113,6 +113,8 @@ Photograph read_photograph(const std::string& name, const ordered_json& view, co
   if (camera.width != out.image.width || camera.height != out.image.height)
     throw view_error(name, fmt::format("the camera has {} x {} pixels, the image {} x {}", camera.width, camera.height,
                                        out.image.width, out.image.height));
+  if (!std::all_of(out.image.values.begin(), out.image.values.end(), [](double v) { return std::isfinite(v); }))
+    throw view_error(name, "the image has pixels without a value");
   return out;
 }
 

@@ -131,6 +131,9 @@ class Photographs(unittest.TestCase):
         view = self.view(self.true)["made"]
         far = {**view["request"], "pose": {"geodetic": {"lat_deg": 40, "lon_deg": 30, "height_m": 60000}, "nadir": {}}}
         small = {**view["request"], "camera": {**REQUEST["camera"], "width": 200}}
+        holed = np.load(os.path.join(self.images, "made.npy")).astype(float)
+        holed[10, 10] = np.nan
+        np.save(os.path.join(self.images, "holed.npy"), holed)
         for views, words in (({}, "a view per photograph"), ({"a": {"image": "made.npy"}}, 'needs "image"'),
                              ({"a": {**view, "images": 1}}, 'unknown member "images"'),
                              ({"a": {**view, "free": ["zoom"]}}, '"free" must list'),
@@ -138,6 +141,7 @@ class Photographs(unittest.TestCase):
                              ({"a": {**view, "request": {**view["request"], "suns": 1}}}, "/suns"),
                              ({"a": {**view, "image": "none.png"}}, "none.png"),
                              ({"a": {**view, "unit": "DN"}}, '"unit"'),
+                             ({"a": {**view, "image": "holed.npy"}}, "pixels without a value"),
                              ({"a": {**view, "request": far}}, "a: no terrain in 100 % of the image")):
             _, done = self.verify(views)
             self.assertEqual(done.returncode, 1, (words, done.stdout))
