@@ -67,41 +67,38 @@ std::shared_ptr<const Block> GroundPosts::compose_layers(const BlockId& id, cons
   return block;
 }
 
-// Second differences are taken at all cells from which the weights of a post in the sub-block reach. Whole metres of
-// heights add half their squared step to each squared difference (weights 1, 4 and 1, variance 1/12).
+// Takes second differences at all cells that the weights of a post in the sub-block reach. Whole metres of heights add
+// half their squared step to each squared difference (weights 1, 4 and 1, variance 1/12).
 std::shared_ptr<const Block> GroundPosts::make_relief_factors(const SubBlock& sub_block, const StopToken& stop) const {
-  constexpr int kApart = 2, kWindow = 4, kMargin = kApart + kWindow;  // cells
+  constexpr int kApart = 2, kWindow = 4;  // posts; cells
   const BlockExtent e = sub_block.extent();
   const LayeredPosts::RoughnessPosts source = layers_.roughness_posts(sub_block.block.level);
   PostReader posts(*this, source.level, Kind::of_layer, stop);
-  const int side = e.quads + 1 + 2 * kMargin;
-  std::vector<double> heights_m;
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c)
-      heights_m.push_back(
-          posts.height_on_row(e.lat0 + (r - kMargin) * e.lat_step, e.lon0 + (c - kMargin) * e.lon_step));
-  // Sums of squares relative to the law's, and numbers of valid ones, by row and column.
-  std::vector<double> sums(heights_m.size()), counts(heights_m.size());
+  const int finer = source.level - sub_block.block.level;  // levels from cells to posts
+  const Tick north = kApart * (e.lat_step >> finer), east = kApart * (e.lon_step >> finer);
   const double noise_m2 = source.quantisation_m * source.quantisation_m / 2;
-  const auto add = [&](int r, int c, int step, double distance_m) {
-    const auto post = static_cast<std::ptrdiff_t>(r) * side + c;
-    const double* h = heights_m.data() + post;
-    const double second_m = h[-step] - 2 * h[0] + h[step], law_m = detail_.relief().second_difference_m(distance_m);
-    if (std::isnan(second_m)) return;
-    sums[static_cast<std::size_t>(post)] += (second_m * second_m - noise_m2) / (law_m * law_m);
-    counts[static_cast<std::size_t>(post)] += 1;
-  };
-  constexpr double kMetresPerTick = kMetresPerDegree / kTicksPerDegree;
-  const double north_m = kApart * kMetresPerTick * static_cast<double>(e.lat_step);
-  for (int r = kApart; r < side - kApart; ++r) {
-    const double lat_deg = lat_deg_of(e.lat0 + (r - kMargin) * e.lat_step);
-    const double east_m =
-        kApart * kMetresPerTick * static_cast<double>(e.lon_step) * std::abs(std::cos(lat_deg * kRadiansPerDegree));
-    for (int c = kApart; c < side - kApart; ++c) {
-      add(r, c, kApart * side, north_m);
-      // Beside a pole, where cells are slivers, posts of a row are closer than what they resolve.
-      if (east_m > north_m / 4) add(r, c, kApart, east_m);
-    }
+  const int side = e.quads + 1 + 2 * kWindow;
+  // Sums of squares relative to the law's, and numbers of valid ones, by cell.
+  std::vector<double> sums(static_cast<std::size_t>(side * side)), counts(sums.size());
+  for (std::size_t cell = 0; cell < sums.size(); ++cell) {
+    const std::int64_t lat = e.lat0 + (static_cast<int>(cell) / side - kWindow) * e.lat_step,
+                       lon = e.lon0 + (static_cast<int>(cell) % side - kWindow) * e.lon_step;
+    const double middle_m = posts.height_on_row(lat, lon);
+    const auto add = [&](Tick lat_apart, Tick lon_apart, double distance_m) {
+      const double law_m = detail_.relief().second_difference_m(distance_m),
+                   second_m = posts.height_on_row(lat - lat_apart, lon - lon_apart) - 2 * middle_m +
+                              posts.height_on_row(lat + lat_apart, lon + lon_apart);
+      if (std::isnan(second_m)) return;
+      sums[cell] += (second_m * second_m - noise_m2) / (law_m * law_m);
+      counts[cell] += 1;
+    };
+    constexpr double kMetresPerTick = kMetresPerDegree / kTicksPerDegree;
+    const double north_m = kMetresPerTick * static_cast<double>(north),
+                 east_m = kMetresPerTick * static_cast<double>(east) *
+                          std::abs(std::cos(lat_deg_of(lat) * kRadiansPerDegree));
+    add(north, 0, north_m);
+    // Beside a pole, where cells are slivers, posts of a row are closer than what they resolve.
+    if (east_m > north_m / 4) add(0, east, east_m);
   }
   auto block = empty_block(sub_block.block, e);
   for (int r = 0; r <= e.quads; ++r)
@@ -110,7 +107,7 @@ std::shared_ptr<const Block> GroundPosts::make_relief_factors(const SubBlock& su
       for (int y = -kWindow; y <= kWindow; ++y)
         for (int x = -kWindow; x <= kWindow; ++x) {
           const double weight = (kWindow + 1 - std::abs(y)) * (kWindow + 1 - std::abs(x));
-          const auto post = static_cast<std::size_t>((r + kMargin + y) * side + c + kMargin + x);
+          const auto post = static_cast<std::size_t>((r + kWindow + y) * side + c + kWindow + x);
           sum += weight * sums[post];
           count += weight * counts[post];
         }

@@ -3,11 +3,12 @@
 // Between posts the surface is bicubic (Catmull-Rom; linear next to no-data). It is a function of position and level
 // only: blocks agree on their borders to the bit.
 //
-// Relief follows the roughness of the posts (ReliefLaw::min_factor): their second differences over two cells, where
-// relief begins, over those of the law. Mean squares over the cells around each post, both axes, weights by distance:
+// Relief follows the roughness of the posts (ReliefLaw::min_factor): their second differences over the ones of the law.
+// Posts denser than what they resolve are smooth, and so is the relief on them: photographs of Hadley say so (laws.md).
 //
-//     x---------x---------x      second difference h(-2) - 2 h(0) + h(+2) of cells x, as wide as what the posts resolve
-//               |                factor = RMS over cells up to 4 away / second difference of the law
+//     p----p----P----p----p      second difference h(-2) - 2 h(0) + h(+2) of posts, at posts P that are cells apart
+//     |         |         |      factor = RMS over the cells up to 4 away and both axes, nearer ones weigh more, over
+//                                the law's second difference; min_factor to 1
 #pragma once
 
 #include <array>

@@ -7,7 +7,7 @@
 //
 // Smooth ground is smooth at all scales: on the whole Moon, second differences over 1.9 km correlate with those over
 // 3.8 km by 0.83 (logarithms; with slopes by 0.80; GLD100). Where the law has a `min_factor`, amplitudes are multiplied
-// by the roughness of the posts over that of the law, at the distance where relief begins.
+// by the roughness of the posts over that of the law.
 //
 //   log amplitude       ____ k+1     Steps of one octave of wavelength scale the amplitude by 2^H: the RMS difference
 //               ____ k               of heights at distance d grows as d^H. Octaves between the law's shortest and
