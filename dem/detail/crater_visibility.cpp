@@ -90,7 +90,7 @@ CraterRoughness::Octave CraterRoughness::measured(const Detail& detail, int octa
       for (int i = 0; i < kDiameters; ++i)
         squares[static_cast<std::size_t>(i)] += mean_square(heights, kStepsPerDiameter / 4 << i) / kMiddles.size();
     };
-    add(sums.all, false);
+    add(sums.total, false);
     if (detail.relief().follows_posts(octave)) add(sums.relief, true);
   }
   return sums;
@@ -120,7 +120,7 @@ double CraterRoughness::mean_square_m2(int octave, double diameter_m, double rel
   const Octave& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
   const double diameters = diameter_m / std::ldexp(0.5, octave);
   return std::max(0.0,
-                  at(squares.all, diameters) - (1 - relief_factor * relief_factor) * at(squares.relief, diameters));
+                  at(squares.total, diameters) - (1 - relief_factor * relief_factor) * at(squares.relief, diameters));
 }
 
 // Interpolates a table of diameters from half the octave's smallest on, doubling. On smaller rings the ground is a

@@ -41,7 +41,7 @@ class CraterRoughness {
   using Squares = std::array<double, kDiameters>;
   // An octave as a whole, and its relief alone if that follows the posts.
   struct Octave {
-    Squares all{}, relief{};
+    Squares total{}, relief{};
   };
   static Octave measured(const Detail& detail, int octave, const StopToken& stop);
   static double at(const Squares& squares, double diameters);
