@@ -334,12 +334,13 @@ void read_fine_relief(const JsonReader& in, dem::ReliefLaw::Fine& fine) {
 }
 
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
-  if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m", "fine"})) return;
+  if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m", "fine", "min_factor"})) return;
   relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
   relief.deviation_m = in.number("deviation_m", Range{0, 1000, true, false});
   relief.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
   relief.shortest_m = in.number("shortest_m", kFeature_m);
   relief.longest_m = in.number("longest_m", kFeature_m);
+  relief.min_factor = in.number("min_factor", Range{0, 1}, relief.min_factor);
   if (in.has("fine")) read_fine_relief(in.at("fine"), relief.fine);
   if (in.good() && !(relief.shortest_m < relief.longest_m)) in.fail("shortest_m", "must be below longest_m");
 }

@@ -156,6 +156,7 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //                "oldest_Ma": 3500},             of the surface
 //    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m",   RMS height difference over
 //                                                    a baseline; wavelengths
+//               "min_factor": 1,                   of amplitudes, over level posts (dem::ReliefLaw)
 //               "fine": {"below_m", "hurst": 0.52, "slope"}},   law of shorter wavelengths (dem::ReliefLaw::Fine)
 //    "clods": {"cover", "smallest_m", "largest_m"},   share of ground that an octave covers; sizes
 //    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02

@@ -24,14 +24,21 @@ struct Middle {
 constexpr std::array<Middle, 4> kMiddles{{{-41.3, -117.7}, {-13.9, 31.1}, {17.3, 101.9}, {37.1, -51.7}}};
 constexpr int kRingSamples = 16, kMiddlePost = kSquarePosts / 2;
 
-// Returns the heights of one octave alone on a square, row by row.
-std::vector<double> heights_of(const Detail& detail, int octave, const Middle& middle, const StopToken& stop) {
+// Returns the heights of one octave alone, or of its relief, on a square, row by row.
+std::vector<double> heights_of(const Detail& detail, int octave, bool relief_only, const Middle& middle,
+                               const StopToken& stop) {
   const double step = std::ldexp(1.0, octave) / kStepsPerDiameter / kMoonRadius_m,
                south = middle.lat_deg * kRadiansPerDegree - step * kMiddlePost,
                lon_step = step / std::cos(middle.lat_deg * kRadiansPerDegree),
                west = middle.lon_deg * kRadiansPerDegree - lon_step * kMiddlePost;
   std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
-  detail.add_octave(SquareGrid(south, step, west, lon_step, kSquarePosts).grid(), octave, heights, stop);
+  const SquareGrid square(south, step, west, lon_step, kSquarePosts);
+  if (!relief_only) {
+    detail.add_octave(square.grid(), octave, heights, stop);
+    return heights;
+  }
+  for (std::size_t r = 0; r < kSquarePosts; ++r)
+    detail.relief().add_row(octave, square.grid(), r, std::span(heights).subspan(r * kSquarePosts, kSquarePosts));
   return heights;
 }
 
@@ -75,12 +82,16 @@ std::unique_ptr<const Detail> everywhere(const Detail& detail) {
 
 }  // namespace
 
-CraterRoughness::Squares CraterRoughness::measured(const Detail& detail, int octave, const StopToken& stop) {
-  Squares sums{};
+CraterRoughness::Octave CraterRoughness::measured(const Detail& detail, int octave, const StopToken& stop) {
+  Octave sums;
   for (const Middle& middle : kMiddles) {
-    const std::vector<double> heights = heights_of(detail, octave, middle, stop);
-    for (int i = 0; i < kDiameters; ++i)
-      sums[static_cast<std::size_t>(i)] += mean_square(heights, kStepsPerDiameter / 4 << i) / kMiddles.size();
+    const auto add = [&](Squares& squares, bool relief_only) {
+      const std::vector<double> heights = heights_of(detail, octave, relief_only, middle, stop);
+      for (int i = 0; i < kDiameters; ++i)
+        squares[static_cast<std::size_t>(i)] += mean_square(heights, kStepsPerDiameter / 4 << i) / kMiddles.size();
+    };
+    add(sums.total, false);
+    if (detail.relief().follows_posts(octave)) add(sums.relief, true);
   }
   return sums;
 }
@@ -103,12 +114,18 @@ CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
               [&](std::size_t i) { octaves_[i] = measured(measure, smallest_ + static_cast<int>(i), stop); });
 }
 
-double CraterRoughness::mean_square_m2(int octave, double diameter_m) const {
+// Relief is independent of the rest of its octave, so their mean squares add up, too.
+double CraterRoughness::mean_square_m2(int octave, double diameter_m, double relief_factor) const {
   if (octave < smallest_octave() || octave > largest_octave()) return 0;
-  const Squares& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
-  // The table has diameters from half the octave's smallest on, doubling. On smaller rings the ground is a paraboloid,
-  // whose difference from its centre grows with the square of the diameter.
-  const double ratio = diameter_m / std::ldexp(0.5, octave);
+  const Octave& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
+  const double diameters = diameter_m / std::ldexp(0.5, octave);
+  return std::max(0.0,
+                  at(squares.total, diameters) - (1 - relief_factor * relief_factor) * at(squares.relief, diameters));
+}
+
+// Interpolates a table of diameters from half the octave's smallest on, doubling. On smaller rings the ground is a
+// paraboloid, whose difference from its centre grows with the square of the diameter.
+double CraterRoughness::at(const Squares& squares, double ratio) {
   if (ratio <= 1) return squares.front() * std::pow(ratio, 4);
   const double index = std::log2(ratio);
   const auto below = static_cast<std::size_t>(index);

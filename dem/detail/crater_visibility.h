@@ -21,8 +21,9 @@ class CraterRoughness {
   // tenth of a second and more. The same detail gives the same numbers.
   explicit CraterRoughness(const Detail& detail, const StopToken& stop = {});
 
-  // Returns the mean square, m^2, that an octave contributes at a diameter.
-  double mean_square_m2(int octave, double diameter_m) const;
+  // Returns the mean square, m^2, that an octave contributes at a diameter, where amplitudes of relief that follow the
+  // posts are multiplied by a factor.
+  double mean_square_m2(int octave, double diameter_m, double relief_factor = 1) const;
 
   // Octaves that may contribute: from the smallest one that the finest level shows up to the largest of the coarsest
   // posts.
@@ -38,10 +39,15 @@ class CraterRoughness {
   // scale is a paraboloid.
   static constexpr int kDiameters = 4;
   using Squares = std::array<double, kDiameters>;
-  static Squares measured(const Detail& detail, int octave, const StopToken& stop);
+  // An octave as a whole, and its relief alone if that follows the posts.
+  struct Octave {
+    Squares total{}, relief{};
+  };
+  static Octave measured(const Detail& detail, int octave, const StopToken& stop);
+  static double at(const Squares& squares, double diameters);
 
   int smallest_;
-  std::vector<Squares> octaves_;
+  std::vector<Octave> octaves_;
 };
 
 }  // namespace selenograph::dem

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <utility>
 
@@ -19,6 +20,13 @@ constexpr double kPostsPerFeature = 4;  // smallest size that a level shows, in 
 double p99_from(double height_m, std::vector<double>& heights_m) {
   for (double& h : heights_m) h = std::abs(h - height_m);
   return ranked(heights_m, heights_m.size() * 99 / 100);
+}
+
+// Returns the products of two lists of numbers. Empty lists stand for ones.
+std::vector<double> product(std::span<const double> a, std::span<const double> b) {
+  std::vector<double> out(a.empty() ? b.begin() : a.begin(), a.empty() ? b.end() : a.end());
+  if (!a.empty() && !b.empty()) std::transform(out.begin(), out.end(), b.begin(), out.begin(), std::multiplies<>());
+  return out;
 }
 
 }  // namespace
@@ -222,16 +230,16 @@ bool Detail::has_relief(int level, int posts_level) const {
 }
 
 void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m, const Marks& marks,
-                 const StopToken& stop) const {
+                 const StopToken& stop, std::span<const double> relief_factor) const {
   std::fill(marks.in_crater.begin(), marks.in_crater.end(), 0.F);
   std::fill(marks.on_clod.begin(), marks.on_clod.end(), 0.F);
   std::fill(marks.fragments.on_fragment.begin(), marks.fragments.on_fragment.end(), 0.F);
-  const std::vector<double> shares = shares_of(grid);
+  const std::vector<double> shares = shares_of(grid), weights = product(relief_factor, shares);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
     add_craters(grid, k, shares, heights_m, marks.in_crater, stop);
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
-    add_relief(grid, k, shares, heights_m, stop);
+    add_relief(grid, k, relief_.follows_posts(k) ? weights : shares, heights_m, stop);
   for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
     clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
   for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
@@ -248,33 +256,33 @@ void Detail::add_crater_brightness(const DirectionGrid& grid, int level, int pos
     brightness_.add(craters_, grid, k, shares, factor, stop, k < shown ? kUnshownWeight : 1);
 }
 
-void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,
-                        const StopToken& stop) const {
+void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop,
+                        std::span<const double> relief_factor) const {
   const std::vector<double> shares = shares_of(grid);
   if (craters_.smallest_octave() <= octave && octave <= craters_.largest_octave())
     add_craters(grid, octave, shares, heights_m, {}, stop);
   if (relief_.shortest_octave() <= octave && octave <= relief_.longest_octave())
-    add_relief(grid, octave, shares, heights_m, stop);
+    add_relief(grid, octave, relief_.follows_posts(octave) ? product(relief_factor, shares) : shares, heights_m, stop);
   if (clods_.smallest_octave() <= octave && octave <= clods_.largest_octave())
     clods_.add(grid, octave, shares, heights_m, {}, stop);
   if (fragments_.smallest_octave() <= octave && octave <= fragments_.largest_octave())
     fragments_.add(grid, octave, shares, heights_m, {}, stop);
 }
 
-// Adds an octave of relief, weighted by `shares` (empty: 1 everywhere).
-void Detail::add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares,
+// Adds an octave of relief, multiplied by `weights` (empty: 1 everywhere).
+void Detail::add_relief(const DirectionGrid& grid, int octave, std::span<const double> weights,
                         std::span<double> heights_m, const StopToken& stop) const {
-  std::vector<double> row_m(shares.empty() ? 0 : grid.columns());
+  std::vector<double> row_m(weights.empty() ? 0 : grid.columns());
   for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {
     const auto row = heights_m.subspan(r * grid.columns(), grid.columns());
-    if (shares.empty()) {
+    if (weights.empty()) {
       relief_.add_row(octave, grid, r, row);
       continue;
     }
-    // Weight every position the same way, also where the share is 1, so that adjacent blocks agree to the bit.
+    // Multiply at every position, also where the weight is 1, so that adjacent blocks agree to the bit.
     std::fill(row_m.begin(), row_m.end(), 0.0);
     relief_.add_row(octave, grid, r, row_m);
-    for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * row_m[c];
+    for (std::size_t c = 0; c < row.size(); ++c) row[c] += weights[r * grid.columns() + c] * row_m[c];
   }
 }
 

@@ -79,13 +79,15 @@ class Detail {
     FragmentField::Marks fragments;
   };
   // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
-  // posts there, does not. The result at a position does not depend on the grid, to the bit.
+  // posts there, does not. The result at a position does not depend on the grid, to the bit. `relief_factor`: of the
+  // amplitudes of relief that follow the posts, by position, from the law's min_factor to 1; empty: 1 everywhere.
   void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m, const Marks& marks,
-           const StopToken& stop = {}) const;
+           const StopToken& stop = {}, std::span<const double> relief_factor = {}) const;
   // Depth over diameter below which a crater is no longer recognised.
   static constexpr double kWorn = 0.02;
   // Adds one octave; it must not be among those that the posts' level shows.
-  void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
+  void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {},
+                  std::span<const double> relief_factor = {}) const;
   // Adds to factors of the albedo, row by row, what craters of the octaves that add() adds to the heights change, and
   // the octave below them by half, as bright ground around a crater is wider than the crater.
   void add_crater_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
@@ -135,7 +137,7 @@ class Detail {
  private:
   int find_finest_level() const;
   std::vector<double> shares_of(const DirectionGrid& grid) const;  // share() per position; empty: 1 everywhere
-  void add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
+  void add_relief(const DirectionGrid& grid, int octave, std::span<const double> weights, std::span<double> heights_m,
                   const StopToken& stop) const;
   void add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                    std::span<float> in_crater, const StopToken& stop) const;

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "dem/detail/footprints.h"
+#include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {
 
@@ -188,6 +189,18 @@ std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const Sto
   return cache_.run_in_arena(posts_to_await(id), stop, [&] {
     return cache_.get(kKind, id, stop, [&] { return cache_.read_or_make(id, [&] { return make_block(id, stop); }); });
   });
+}
+
+double DetailedTerrain::relief_factor(double lat_deg, double lon_deg, int detail_level, const StopToken& stop) const {
+  if (!detail_->relief().follows_posts()) return 1;
+  const Ticks ticks = ticks_of(lat_deg, lon_deg);
+  const std::int64_t lat = ticks.whole_lat, lon = ticks.whole_lon;
+  double factor = 1;
+  cache_.run_in_arena(posts_to_await(ticks.block(kMaxLevel)), stop, [&] {
+    factor = posts_.relief_factors(detail_level, {&lat, 1}, {&lon, 1}, stop).front();
+    return std::shared_ptr<const Block>();
+  });
+  return factor;
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, Tick lat, Tick lon,

@@ -41,6 +41,8 @@ class DetailedTerrain final : public Terrain {
   bool has_detail(const BlockId& id) const;
   // Returns the layers whose detail is shown at a position, from coarse to fine.
   std::vector<DetailOfPosts> detail_at(double lat_deg, double lon_deg) const { return layers_.at(lat_deg, lon_deg); }
+  // Returns the factor of the relief's amplitudes (Detail::add) at a position, over posts of which a level is resolved.
+  double relief_factor(double lat_deg, double lon_deg, int detail_level, const StopToken& stop = {}) const;
   // Returns the block if it is available, else only its quad at a position in ticks: the same heights to the bit, no
   // normals, sources or bounds. For callers that need few positions of a block.
   std::shared_ptr<const Block> block_or_quad(const BlockId& id, Tick lat, Tick lon, const StopToken& stop = {}) const;

@@ -115,7 +115,7 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_dep
   centre.height_m = plain_.height(centre.lat_deg, centre.lon_deg, stop).height_m;
   if (std::isnan(centre.height_m)) return;
   feature.visibility =
-      std::min(feature.depth_m / roughness_m(crater.diameter_m, layers), CraterRoughness::kMaxVisibility);
+      std::min(feature.depth_m / roughness_m(crater, centre, layers, stop), CraterRoughness::kMaxVisibility);
   feature.brightness = 1 + share * detailed_.detail().brightness().at_rim(crater);
   const CraterRemains remains = remains_of(field_, crater, candidates);
   if (!remains.any()) return;
@@ -144,11 +144,15 @@ double CraterSurvey::share(int octave, std::span<const DetailOfPosts> layers) {
   return share;
 }
 
-double CraterSurvey::roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const {
+double CraterSurvey::roughness_m(const Crater& crater, const Geographic& centre, std::span<const DetailOfPosts> layers,
+                                 const StopToken& stop) const {
+  double relief_factor = 0;
+  for (const DetailOfPosts& layer : layers)
+    relief_factor += layer.share * detailed_.relief_factor(centre.lat_deg, centre.lon_deg, layer.level, stop);
   double sum = 0;
   for (int k = roughness_->smallest_octave(); k <= roughness_->largest_octave(); ++k) {
     const double octave_share = share(k, layers);
-    sum += octave_share * octave_share * roughness_->mean_square_m2(k, diameter_m);
+    sum += octave_share * octave_share * roughness_->mean_square_m2(k, crater.diameter_m, relief_factor);
   }
   return std::sqrt(sum);
 }

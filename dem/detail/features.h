@@ -89,7 +89,8 @@ class CraterSurvey {
   // Returns the summed share of the layers that leave an octave to the detail, 0 to 1.
   static double share(int octave, std::span<const DetailOfPosts> layers);
   bool shows(int octave, const Geographic& position) const { return share(octave, layers_at(position)) > 0.5; }
-  double roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const;
+  double roughness_m(const Crater& crater, const Geographic& centre, std::span<const DetailOfPosts> layers,
+                     const StopToken& stop) const;
 
   const PyramidTerrain& plain_;
   const DetailedTerrain& detailed_;

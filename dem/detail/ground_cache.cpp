@@ -19,8 +19,9 @@
 // that such a sleeper holds. As (2) comes before (3), a maker always has a slot, and runs its loops alone if all other
 // threads sleep. Loops are isolated (parallel.h): a maker that waits for the end of a loop does not start a task that
 // would wait for the maker's own flight. Flights nest in one direction only, so they form no cycle: a block or an
-// outline waits for mean_correction, layer_posts and blocks of the plain terrain, and none of these waits for a block.
-// The pyramid's builder has an arena of its own: a maker that has to wait for a neighbour's pyramid is slow, not stuck.
+// outline waits for mean_correction, this one for relief_factor, all of them for layer_posts and for blocks of the
+// plain terrain, and none of these waits for a block. The pyramid's builder has an arena of its own: a maker that has
+// to wait for a neighbour's pyramid is slow, not stuck.
 #include "dem/detail/ground_cache.h"
 
 #include <utility>
@@ -34,7 +35,7 @@ namespace {
 
 // Version of the heights in the cache folder, which outlive an update of the software. Increment it with every change
 // that alters a stored bit (GroundOnDisk.IsOfThisVersion in unit.block_store).
-constexpr std::uint64_t kGroundVersion = 8;
+constexpr std::uint64_t kGroundVersion = 9;
 
 std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
   const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};
@@ -46,7 +47,7 @@ std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& pres
 BlockId GroundCache::key_of(int number, Kind kind, const BlockId& id) {
   constexpr int kLevelStride = 32;
   static_assert(kMaxLevel < kLevelStride);
-  constexpr int kKinds = 4;
+  constexpr int kKinds = 5;
   return {kLevelStride * (kKinds * number + static_cast<int>(kind)) + id.level, id.row, id.col};
 }
 

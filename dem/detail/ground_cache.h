@@ -18,7 +18,7 @@ namespace selenograph::dem {
 class GroundCache {
  public:
   // Kinds of ground: each has keys of its own. An outline is a block without vertices, only its bounds are set.
-  enum class Kind { block, mean_correction, layer_posts, outline };
+  enum class Kind { block, mean_correction, layer_posts, outline, relief_factor };
   using Make = std::function<std::shared_ptr<const Block>()>;
 
   // `plain` must outlive this object.

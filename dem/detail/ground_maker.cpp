@@ -62,7 +62,7 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   if (!shows_detail) return out;
   std::vector<float> in_crater(n * n), on_clod(n * n), on_fragment(n * n);
   detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m,
-              {in_crater, on_clod, {on_fragment, out.fragment_factor}}, stop);
+              {in_crater, on_clod, {on_fragment, out.fragment_factor}}, stop, relief_factors(layer, e, stop));
   for (std::size_t post = 0; post < n * n; ++post) {
     if (in_crater[post] > 0) out.ground[post] = Ground::crater;
     if (on_clod[post] > 0) out.ground[post] = Ground::clod;
@@ -128,11 +128,24 @@ std::vector<double> GroundMaker::blended(const BlockId& id, const BlockExtent& e
   return values;
 }
 
+std::vector<double> GroundMaker::relief_factors(const LayeredPosts::Layer& layer, const BlockExtent& e,
+                                                const StopToken& stop) const {
+  std::vector<std::int64_t> lats, lons;
+  for (int i = 0; i <= e.quads; ++i) {
+    lats.push_back(e.lat0 + i * e.lat_step);
+    lons.push_back(e.lon0 + i * e.lon_step);
+  }
+  return posts_.relief_factors(layer.detail_level, lats, lons, stop);
+}
+
 std::vector<double> GroundMaker::next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
   const int octave = Detail::smallest_octave(id.level) - 1;
-  return blended(id, e, 0, [&](const LayeredPosts::Layer&, const DirectionGrid& grid, std::span<double> heights_m) {
-    detail_.add_octave(grid, octave, heights_m, stop);
-  });
+  return blended(id, e, 0,
+                 [&](const LayeredPosts::Layer& layer, const DirectionGrid& grid, std::span<double> heights_m) {
+                   const bool follows_posts = detail_.relief().follows_posts(octave);
+                   detail_.add_octave(grid, octave, heights_m, stop,
+                                      follows_posts ? relief_factors(layer, e, stop) : std::vector<double>());
+                 });
 }
 
 std::vector<double> GroundMaker::crater_brightness(const BlockId& id, const BlockExtent& e,

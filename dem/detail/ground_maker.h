@@ -53,6 +53,9 @@ class GroundMaker {
   using AddLayer = std::function<void(const LayeredPosts::Layer&, const DirectionGrid&, std::span<double>)>;
   std::vector<double> blended(const BlockId& id, const BlockExtent& e, double without_detail,
                               const AddLayer& add) const;
+  // Returns factors of the relief's amplitudes at the posts of an extent; empty: 1 everywhere.
+  std::vector<double> relief_factors(const LayeredPosts::Layer& layer, const BlockExtent& e,
+                                     const StopToken& stop) const;
   // Returns the heights of the next smaller octave, to be added to those of the block before normals are computed. Its
   // features are 2 to 4 posts wide: too narrow for triangles, wide enough to tilt normals. They cast no shadows.
   std::vector<double> next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;

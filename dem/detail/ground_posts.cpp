@@ -27,9 +27,26 @@ std::shared_ptr<const Block> GroundPosts::block(Kind kind, const BlockId& id, co
   return cache_.get(GroundCache::Kind::layer_posts, id, stop, [&] { return compose_layers(id, stop); });
 }
 
-std::shared_ptr<const Block> GroundPosts::mean_correction(const SubBlock& sub_block, const StopToken& stop) const {
+std::shared_ptr<const Block> GroundPosts::sub_block(Kind kind, const SubBlock& sub_block, const StopToken& stop) const {
+  if (kind == Kind::relief_factor)
+    return cache_.get(GroundCache::Kind::relief_factor, sub_block.key(), stop,
+                      [&] { return make_relief_factors(sub_block, stop); });
+  const auto factors = [&](std::span<const std::int64_t> lats, std::span<const std::int64_t> lons) {
+    return relief_factors(sub_block.block.level, lats, lons, stop);
+  };
   return cache_.get(GroundCache::Kind::mean_correction, sub_block.key(), stop,
-                    [&] { return make_mean_correction(detail_, sub_block, stop); });
+                    [&] { return make_mean_correction(detail_, sub_block, factors, stop); });
+}
+
+std::vector<double> GroundPosts::relief_factors(int detail_level, std::span<const std::int64_t> lats,
+                                                std::span<const std::int64_t> lons, const StopToken& stop) const {
+  if (!detail_.relief().follows_posts()) return {};
+  PostReader reader(*this, detail_level, Kind::relief_factor, stop);
+  std::vector<double> factors(lats.size() * lons.size());
+  for (std::size_t r = 0; r < lats.size(); ++r) reader.interpolate_row(lats[r], lons, &factors[r * lons.size()]);
+  // Cubic interpolation overshoots, but bounds of heights rely on the factors' range.
+  for (double& factor : factors) factor = std::clamp(factor, detail_.relief().min_factor(), 1.0);
+  return factors;
 }
 
 std::shared_ptr<const Block> GroundPosts::compose_layers(const BlockId& id, const StopToken& stop) const {
@@ -47,6 +64,58 @@ std::shared_ptr<const Block> GroundPosts::compose_layers(const BlockId& id, cons
   if (!has_heights) return nullptr;
   block->sources = std::move(posts.sources);
   block->pack();
+  return block;
+}
+
+// Takes second differences at all cells that the weights of a post in the sub-block reach. Whole metres of heights add
+// half their squared step to each squared difference (weights 1, 4 and 1, variance 1/12).
+std::shared_ptr<const Block> GroundPosts::make_relief_factors(const SubBlock& sub_block, const StopToken& stop) const {
+  constexpr int kApart = 2, kWindow = 4;  // posts; cells
+  const BlockExtent e = sub_block.extent();
+  const LayeredPosts::RoughnessPosts source = layers_.roughness_posts(sub_block.block.level);
+  PostReader posts(*this, source.level, Kind::of_layer, stop);
+  const int finer = source.level - sub_block.block.level;  // levels from cells to posts
+  const Tick north = kApart * (e.lat_step >> finer), east = kApart * (e.lon_step >> finer);
+  const double noise_m2 = source.quantisation_m * source.quantisation_m / 2;
+  const int side = e.quads + 1 + 2 * kWindow;
+  // Sums of squares relative to the law's, and numbers of valid ones, by cell.
+  std::vector<double> sums(static_cast<std::size_t>(side * side)), counts(sums.size());
+  for (std::size_t cell = 0; cell < sums.size(); ++cell) {
+    const std::int64_t lat = e.lat0 + (static_cast<int>(cell) / side - kWindow) * e.lat_step,
+                       lon = e.lon0 + (static_cast<int>(cell) % side - kWindow) * e.lon_step;
+    const double middle_m = posts.height_on_row(lat, lon);
+    const auto add = [&](Tick lat_apart, Tick lon_apart, double distance_m) {
+      const double law_m = detail_.relief().second_difference_m(distance_m),
+                   second_m = posts.height_on_row(lat - lat_apart, lon - lon_apart) - 2 * middle_m +
+                              posts.height_on_row(lat + lat_apart, lon + lon_apart);
+      if (std::isnan(second_m)) return;
+      sums[cell] += (second_m * second_m - noise_m2) / (law_m * law_m);
+      counts[cell] += 1;
+    };
+    constexpr double kMetresPerTick = kMetresPerDegree / kTicksPerDegree;
+    const double north_m = kMetresPerTick * static_cast<double>(north),
+                 east_m = kMetresPerTick * static_cast<double>(east) *
+                          std::abs(std::cos(lat_deg_of(lat) * kRadiansPerDegree));
+    add(north, 0, north_m);
+    // Beside a pole, where cells are slivers, posts of a row are closer than what they resolve.
+    if (east_m > north_m / 4) add(0, east, east_m);
+  }
+  auto block = empty_block(sub_block.block, e);
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
+      double sum = 0, count = 0;
+      for (int y = -kWindow; y <= kWindow; ++y)
+        for (int x = -kWindow; x <= kWindow; ++x) {
+          const double weight = (kWindow + 1 - std::abs(y)) * (kWindow + 1 - std::abs(x));
+          const auto post = static_cast<std::size_t>((r + kWindow + y) * side + c + kWindow + x);
+          sum += weight * sums[post];
+          count += weight * counts[post];
+        }
+      // Without data nothing is known of the roughness.
+      const double ratio = count > 0 ? std::sqrt(std::max(0.0, sum / count)) : 1;
+      block->vertices.push_back(
+          {static_cast<float>(std::clamp(ratio, detail_.relief().min_factor(), 1.0)), Eigen::Vector3f::Zero()});
+    }
   return block;
 }
 
@@ -170,18 +239,18 @@ PostReader::PostRef PostReader::find_post(Tick lat, std::int64_t lon) {
 }
 
 PostReader::PostRef PostReader::post_in_block(const BlockId& id, Tick lat, Tick lon) {
-  const Block* block = kind_ == GroundPosts::Kind::mean_correction
-                           ? correction_at(id, lat, lon)
-                           : find_block(id, [&] { return ground_.block(kind_, id, stop_); });
+  const bool by_sub_blocks = kind_ == GroundPosts::Kind::mean_correction || kind_ == GroundPosts::Kind::relief_factor;
+  const Block* block =
+      by_sub_blocks ? sub_block_at(id, lat, lon) : find_block(id, [&] { return ground_.block(kind_, id, stop_); });
   if (!block) return {};
   const BlockExtent& e = block->extent;
   return {block, steps_in(lat - e.lat0, e.lat_step), steps_in(lon - e.lon0, e.lon_step)};
 }
 
-const Block* PostReader::correction_at(const BlockId& id, Tick lat, Tick lon) {
+const Block* PostReader::sub_block_at(const BlockId& id, Tick lat, Tick lon) {
   const BlockExtent e = extent_of(id);
   const SubBlock sub_block = SubBlock::of(id, steps_in(lat - e.lat0, e.lat_step), steps_in(lon - e.lon0, e.lon_step));
-  return find_block(sub_block.key(), [&] { return ground_.mean_correction(sub_block, stop_); });
+  return find_block(sub_block.key(), [&] { return ground_.sub_block(kind_, sub_block, stop_); });
 }
 
 template <typename Load>

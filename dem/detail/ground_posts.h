@@ -2,6 +2,13 @@
 //
 // Between posts the surface is bicubic (Catmull-Rom; linear next to no-data). It is a function of position and level
 // only: blocks agree on their borders to the bit.
+//
+// Relief follows the roughness of the posts (ReliefLaw::min_factor): their second differences over the ones of the law.
+// Posts denser than what they resolve are smooth, and so is the relief on them: photographs of Hadley say so (laws.md).
+//
+//     p----p----P----p----p      second difference h(-2) - 2 h(0) + h(+2) of posts, at posts P that are cells apart
+//     |         |         |      factor = RMS over the cells up to 4 away and both axes, nearer ones weigh more, over
+//                                the law's second difference; min_factor to 1
 #pragma once
 
 #include <array>
@@ -23,16 +30,22 @@ namespace selenograph::dem {
 // Blocks of posts, cached. Thread-safe. Call it inside GroundCache::run_in_arena() only.
 class GroundPosts {
  public:
-  // A layer's own posts; posts of the pyramid's blocks, filtered; corrections of the posts' means (mean_correction.h).
-  enum class Kind { of_layer, filtered, mean_correction };
+  // A layer's own posts; posts of the pyramid's blocks, filtered; corrections of the posts' means (mean_correction.h);
+  // factors of the relief's amplitudes. The last two are at the posts of the level that is resolved, by sub-blocks.
+  enum class Kind { of_layer, filtered, mean_correction, relief_factor };
 
   // All references must outlive this object.
   GroundPosts(const PyramidTerrain& plain, const Detail& detail, const LayeredPosts& layers, const GroundCache& cache)
       : plain_(plain), detail_(detail), layers_(layers), cache_(cache) {}
 
-  // Returns the posts of a block, of the kinds other than mean_correction; null if there are none.
+  // Returns the posts of a block, of the first two kinds; null if there are none.
   std::shared_ptr<const Block> block(Kind kind, const BlockId& id, const StopToken& stop) const;
-  std::shared_ptr<const Block> mean_correction(const SubBlock& sub_block, const StopToken& stop) const;
+  // Returns a sub-block of the last two kinds.
+  std::shared_ptr<const Block> sub_block(Kind kind, const SubBlock& sub_block, const StopToken& stop) const;
+  // Returns factors of the relief's amplitudes over posts of which `detail_level` is resolved (Detail::add), at
+  // latitudes and longitudes in ticks, row by row. Empty if the relief does not follow the posts.
+  std::vector<double> relief_factors(int detail_level, std::span<const std::int64_t> lats,
+                                     std::span<const std::int64_t> lons, const StopToken& stop) const;
 
   // Returns the range of a layer's heights at all posts from which a block is interpolated, however fine the block is;
   // empty if one of them is missing.
@@ -41,6 +54,8 @@ class GroundPosts {
  private:
   // Composes heights and sources of a layer and of all coarser layers at a block's vertices. Null if there are none.
   std::shared_ptr<const Block> compose_layers(const BlockId& id, const StopToken& stop) const;
+  // Makes the factors of the relief's amplitudes at the posts of a sub-block.
+  std::shared_ptr<const Block> make_relief_factors(const SubBlock& sub_block, const StopToken& stop) const;
 
   const PyramidTerrain& plain_;
   const Detail& detail_;
@@ -77,7 +92,7 @@ class PostReader {
   double post_m(Tick lat, std::int64_t lon);
   PostRef find_post(Tick lat, std::int64_t lon);
   PostRef post_in_block(const BlockId& id, Tick lat, Tick lon);
-  const Block* correction_at(const BlockId& id, Tick lat, Tick lon);
+  const Block* sub_block_at(const BlockId& id, Tick lat, Tick lon);
   template <typename Load>
   const Block* find_block(const BlockId& key, const Load& load);
 

@@ -151,6 +151,16 @@ double LayeredPosts::share(const Layer& layer, double lat_deg, double lon_deg) c
   return t * t * (3 - 2 * t);
 }
 
+LayeredPosts::RoughnessPosts LayeredPosts::roughness_posts(int detail_level) const {
+  RoughnessPosts posts{detail_level};
+  for (std::size_t file = 0; file < levels_of_files_.size(); ++file) {
+    if (levels_of_files_[file].detail != detail_level) continue;
+    posts.level = std::max(posts.level, levels_of_files_[file].posts);
+    posts.quantisation_m = std::max(posts.quantisation_m, plain_.catalogue().rasters()[file].quantisation_m);
+  }
+  return posts;
+}
+
 int LayeredPosts::files_up_to(int level) const {
   // The catalogue sorts files from coarse to fine spacing, hence by the levels that they need.
   const auto& files = plain_.catalogue().rasters();

@@ -55,6 +55,13 @@ class LayeredPosts {
   int coarsest_detail(const BlockId& id) const;
   // Returns the weight of a layer and all finer ones against the coarser ones at a position, 0 to 1.
   double share(const Layer& layer, double lat_deg, double lon_deg) const;
+  // Posts whose roughness the relief follows: the finest of the layers with a detail level, and the largest step
+  // between representable heights of their files, m.
+  struct RoughnessPosts {
+    int level;
+    double quantisation_m = 0;
+  };
+  RoughnessPosts roughness_posts(int detail_level) const;
   // Returns the number of files, from the first of the catalogue, whose posts a level can show.
   int files_up_to(int level) const;
   // Returns the layers whose detail is shown at a position, from coarse to fine; the shares sum to 1.

@@ -106,6 +106,33 @@ class CraterAmongPosts {
   std::vector<double> corrections_m_;
 };
 
+// Returns the factors of an octave's relief at n x n samples of the cells of a sub-block and around it; empty: 1.
+std::vector<double> factors_of_samples(const Detail& detail, const SubBlock& sub_block, int margin, int octave, int n,
+                                       const ReliefFactors& relief_factors) {
+  if (!detail.relief().follows_posts(octave)) return {};
+  const BlockExtent e = sub_block.extent();
+  std::vector<std::int64_t> lats, lons;
+  for (int i = 0; i < (e.quads + 1 + 2 * margin) * n; ++i) {
+    const double post = (i + 0.5) / n - 0.5 - margin;
+    lats.push_back(e.lat0 + std::llround(post * static_cast<double>(e.lat_step)));
+    lons.push_back(e.lon0 + std::llround(post * static_cast<double>(e.lon_step)));
+  }
+  return relief_factors(lats, lons);
+}
+
+// Returns a rectangle of a square table, row by row; empty if the table is.
+std::vector<double> sub_table(const std::vector<double>& table, std::size_t first_row, std::size_t rows,
+                              std::size_t first_column, std::size_t columns) {
+  std::vector<double> out;
+  if (table.empty()) return out;
+  const auto side = static_cast<std::size_t>(std::lround(std::sqrt(static_cast<double>(table.size()))));
+  for (std::size_t r = first_row; r < first_row + rows; ++r) {
+    const auto row = table.begin() + static_cast<std::ptrdiff_t>(r * side + first_column);
+    out.insert(out.end(), row, row + static_cast<std::ptrdiff_t>(columns));
+  }
+  return out;
+}
+
 // Returns the means of the detail over the cells of a sub-block and of `margin` cells around it, row by row.
 // A cell is centred at its post and as wide as the posts' spacing. Each octave is sampled at n x n positions per cell:
 //
@@ -117,7 +144,8 @@ class CraterAmongPosts {
 //
 // The sampling grid is laid out for the whole block, so that a cell's mean is the same to the bit in every sub-block
 // that includes the cell.
-std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, int margin, const StopToken& stop) {
+std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, int margin,
+                               const ReliefFactors& relief_factors, const StopToken& stop) {
   const BlockExtent e = extent_of(sub_block.block);
   const auto cells = static_cast<std::size_t>(sub_block.quads() + 1 + 2 * margin);
   std::vector<double> means(cells * cells);
@@ -127,6 +155,7 @@ std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, 
     const auto n = static_cast<std::size_t>(samples);
     const BlockDirections directions(e, 0.5 / samples - 0.5 - margin, 1.0 / samples,
                                      (e.quads + 1 + 2 * margin) * samples);
+    const std::vector<double> factors = factors_of_samples(detail, sub_block, margin, octave, samples, relief_factors);
     const auto first = [&](int index) { return static_cast<std::size_t>(index * sub_block.quads()) * n; };
     // Work in squares of cells, whose samples fit in the processor's caches.
     constexpr std::size_t kSquare = 9;
@@ -137,7 +166,7 @@ std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, 
       std::vector<double> heights(rows * n * columns * n);
       detail.add_octave(sub_grid(directions.grid(), first(sub_block.north) + r0 * n, rows * n,
                                  first(sub_block.east) + c0 * n, columns * n),
-                        octave, heights, stop);
+                        octave, heights, stop, sub_table(factors, r0 * n, rows * n, c0 * n, columns * n));
       const double* height_m = heights.data();
       for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
         for (std::size_t c = c0; c < c0 + columns; ++c)
@@ -175,10 +204,11 @@ double correction_weight(Tick lat, Tick lat_step) {
 
 // Averages the detail over the cells, and sharpens the means. The block's heights are the corrections, m.
 std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const SubBlock& sub_block,
-                                                  const StopToken& stop) {
+                                                  const ReliefFactors& relief_factors, const StopToken& stop) {
   const BlockExtent e = sub_block.extent();
   const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kCellsAround);
-  const std::vector<double> corrections_m = sharpened(cell_means(detail, sub_block, kCellsAround, stop), side);
+  const std::vector<double> corrections_m =
+      sharpened(cell_means(detail, sub_block, kCellsAround, relief_factors, stop), side);
   auto block = empty_block(sub_block.block, e);
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   for (int r = 0; r <= e.quads; ++r) {

@@ -10,7 +10,9 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "dem/base/stop_token.h"
@@ -60,10 +62,12 @@ struct SubBlock {
   }
   BlockId key() const { return {block.level, kMaxPerSide * block.row + north, kMaxPerSide * block.col + east}; }
 };
+// Returns factors of the relief's amplitudes (Detail::add) at latitudes and longitudes in ticks, row by row.
+using ReliefFactors = std::function<std::vector<double>(std::span<const std::int64_t>, std::span<const std::int64_t>)>;
 // Makes the heights to subtract at a sub-block's posts: the means of the detail that they do not resolve over their
-// cells.
+// cells. `relief_factors` is not called unless the relief follows the posts.
 std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const SubBlock& sub_block,
-                                                  const StopToken& stop);
+                                                  const ReliefFactors& relief_factors, const StopToken& stop);
 
 // Returns the share of a crater's depth that the correction leaves, with posts of the given level. Depth is the mean
 // height on the rim circle minus the height at the centre, of this crater alone.

@@ -55,20 +55,27 @@ std::vector<double> structure_function(const std::vector<double>& distances) {
 Relief::Relief(const ReliefLaw& law)
     : seed_(law.seed),
       shortest_(static_cast<int>(std::ceil(std::log2(law.shortest_m)))),
-      longest_(static_cast<int>(std::floor(std::log2(law.longest_m)))) {
+      longest_(static_cast<int>(std::floor(std::log2(law.longest_m)))),
+      hurst_(law.hurst),
+      min_factor_(law.min_factor),
+      fine_below_m_(law.fine.below_m) {
   // Fit unit_m, the amplitude of the octave of 1 m, so that the sum of all octaves has the law's deviation at its
   // baseline. Sum over octaves shorter and longer than those made, too: the published deviation is that of the ground
   // with all its wavelengths, not of the octaves that this object makes.
   constexpr int kOctavesAround = 8;
   const int at_baseline = static_cast<int>(std::lround(std::log2(law.baseline_m)));
   std::vector<double> distances;
-  for (int k = at_baseline - kOctavesAround; k <= at_baseline + kOctavesAround; ++k)
+  for (int k = at_baseline - kOctavesAround - 1; k <= at_baseline + kOctavesAround; ++k)
     distances.push_back(law.baseline_m / std::ldexp(1.0, k));
   const std::vector<double> squares = structure_function(distances);
-  double sum = 0;
-  for (std::size_t i = 0; i < squares.size(); ++i)
-    sum += std::pow(4, (at_baseline - kOctavesAround + static_cast<int>(i)) * law.hurst) * squares[i];
+  double sum = 0, second_sum = 0;  // squared differences, and squared second differences, for unit_m = 1
+  for (std::size_t i = 1; i < squares.size(); ++i) {
+    const double octave_square = std::pow(4, (at_baseline - kOctavesAround - 1 + static_cast<int>(i)) * law.hurst);
+    sum += octave_square * squares[i];
+    second_sum += octave_square * (4 * squares[i] - squares[i - 1]);  // before: the structure function at 2 d
+  }
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
+  second_difference_of_1_m_ = unit_m * std::sqrt(second_sum) * std::pow(law.baseline_m, -law.hurst);
   // Approximate the noise's RMS slope, per cell, by differences over a thousandth of a cell.
   constexpr double kShort = 1e-3;
   const double unit_slope = law.fine.below_m > 0 ? std::sqrt(structure_function({kShort}).front()) / kShort : 1;
@@ -85,6 +92,11 @@ Relief::Relief(const ReliefLaw& law)
 }
 
 double Relief::amplitude_m(int octave) const { return amplitudes_m_[static_cast<std::size_t>(octave - shortest_)]; }
+
+// Second differences of self-affine ground grow with the distance as its deviations do.
+double Relief::second_difference_m(double distance_m) const {
+  return second_difference_of_1_m_ * std::pow(distance_m, hurst_);
+}
 
 double Relief::max_height_m(int octave) const { return kMaxNoise * amplitude_m(octave); }
 

@@ -288,6 +288,26 @@ TEST(Relief, DeviatesAsTheLawSays) {
   }
 }
 
+TEST(Relief, SecondDifferencesAreTheLaws) {
+  const Relief relief(
+      {.seed = 7, .hurst = 0.9, .deviation_m = 0.5, .baseline_m = 10, .longest_m = 4096, .shortest_m = 0.06});
+  for (const double distance_m : {3.0, 10.0, 47.0}) {
+    double sum = 0;
+    constexpr int kPlaces = 6000;
+    for (int i = 0; i < kPlaces; ++i) {
+      const double lat = 26 + (i % 100) * 0.013, lon = 3 + (i / 100) * 0.017, apart_deg = distance_m / kMetresPerDegree;
+      const auto height = [&](double at) {
+        const Vec3 direction = to_cartesian({at, lon, 0}).normalized();
+        double h = 0;
+        for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += height_m(relief, k, direction);
+        return h;
+      };
+      sum += std::pow(height(lat - apart_deg) - 2 * height(lat) + height(lat + apart_deg), 2);
+    }
+    EXPECT_NEAR(std::sqrt(sum / kPlaces) / relief.second_difference_m(distance_m), 1, 0.06) << distance_m;
+  }
+}
+
 TEST(Relief, StaysWithinItsBound) {
   const Relief relief({.seed = 1, .hurst = 0.9, .deviation_m = 1, .baseline_m = 10, .longest_m = 64, .shortest_m = 1});
   std::mt19937 random(5);
@@ -840,7 +860,8 @@ CellMeans means_over_cells(const std::string& name) {
   constexpr int kPosts = 8, kFiner = 6, kQuads = 64, kBlocks = 15, kPlaces = 1 << kFiner, kSide = kBlocks * kQuads;
   double squares = 0, worst = 0, detail_squares = 0;
   int cells = 0, places = 0;
-  const DetailPreset preset = shipped(name);
+  DetailPreset preset = shipped(name);
+  preset.relief.min_factor = 1;  // as on rough posts
   for (const auto& [top, lon] :
        {std::pair{1, 3.3}, {1, 4.5}, {27, 3.3}, {27, 4.1}, {61, 3.5}, {61, 4.4}, {81, 3.3}, {81, 4.2}}) {
     const GroundOf ground(preset, top);
@@ -886,6 +907,120 @@ TEST(DetailedTerrain, MeansOverThePostsCellsAreTheDems) {
   EXPECT_LT(mare.worst_m, 0.15);
   EXPECT_LT(highlands.rms_m, 0.04);
   EXPECT_LT(highlands.worst_m, 0.15);
+}
+
+// --- relief that follows the roughness of the posts
+
+// Second differences of the law of `preset()` over two posts are those of white noise of this deviation.
+double noise_as_rough_m() { return Relief(preset().relief).second_difference_m(2 * post_spacing_m(8)) / std::sqrt(6); }
+
+// White noise, nearly level in the west at 3 degrees, as rough as the law at 4 degrees, twice as rough at 5.
+double rougher_to_the_east(double lat, double lon) {
+  static const double as_rough_m = noise_as_rough_m();
+  const auto number = [](double deg) { return static_cast<std::uint64_t>(std::lround(deg * 256)); };
+  const std::uint64_t bits = split_mix(split_mix(kSplitMixStep * number(lat)) + kSplitMixStep * number(lon));
+  const double uniform = static_cast<double>(bits >> 11) * 0x1p-53;
+  return std::round(as_rough_m * (lon - 3) * std::sqrt(12) * (uniform - 0.5));
+}
+
+struct ReliefOnPosts {
+  ReliefOnPosts(const ReliefLaw& law, const CraterLaw& craters) {
+    write_kaguya_tile(folder.path(), 27, 3, 2, 256, rougher_to_the_east);
+    plain = open_terrain(folder.path());
+    DetailPreset p;
+    p.relief = law;
+    p.craters = craters;
+    detailed = std::make_shared<DetailedTerrain>(plain, std::make_shared<Detail>(p));
+  }
+  TemporaryFolder folder;
+  std::shared_ptr<const PyramidTerrain> plain;
+  std::shared_ptr<const DetailedTerrain> detailed;
+};
+
+ReliefLaw following(double min_factor) {
+  ReliefLaw law = preset().relief;
+  law.min_factor = min_factor;
+  return law;
+}
+
+ReliefLaw hardly_any() {
+  ReliefLaw law = preset().relief;
+  law.deviation_m = 1e-6;
+  return law;
+}
+
+TEST(DetailedTerrain, ReliefFollowsTheRoughnessOfThePosts) {
+  constexpr double kLeast = 0.2;
+  const ReliefOnPosts follows(following(kLeast), {}), constant(following(1), {}), smooth(hardly_any(), {});
+  // Returns the relief's RMS around a meridian over that of the same relief with constant amplitudes.
+  const auto factor = [&](double lon_deg) {
+    double followed = 0, whole = 0;
+    for (int i = 0; i < 400; ++i) {
+      const double lat = 25.3 + 1.4 * (i % 20) / 20, lon = lon_deg + 0.05 * (i / 20 - 10) / 20;
+      const auto height_m = [&](const ReliefOnPosts& terrain) { return terrain.detailed->height(lat, lon).height_m; };
+      const double surface_m = height_m(smooth);
+      followed += std::pow(height_m(follows) - surface_m, 2);
+      whole += std::pow(height_m(constant) - surface_m, 2);
+    }
+    return std::sqrt(followed / whole);
+  };
+  EXPECT_NEAR(factor(3.06), kLeast, 0.01);
+  EXPECT_NEAR(factor(3.5), 0.5, 0.05);
+  EXPECT_NEAR(factor(3.8), 0.8, 0.06);
+  EXPECT_NEAR(factor(4.8), 1, 1e-6);
+}
+
+// As MeansOverThePostsCellsAreTheDems, where the amplitude changes from cell to cell.
+TEST(DetailedTerrain, MeansOverCellsHoldWhereReliefFollowsThePosts) {
+  constexpr int kFiner = 5, kQuads = 64, kBlocks = 6, kPlaces = 1 << kFiner, kSide = kBlocks * kQuads;
+  ReliefLaw law = shipped("highlands").relief;
+  law.min_factor = 0.1;
+  law.shortest_m = 8;
+  const ReliefOnPosts follows(law, {}), smooth(hardly_any(), {});
+  const BlockId first = block_over(8 + kFiner, 26.1, 3.6);
+  std::vector<double> detail_m(static_cast<std::size_t>((kSide + 1) * (kSide + 1)));
+  const auto at = [&](int r, int c) -> double& { return detail_m[static_cast<std::size_t>(r * (kSide + 1) + c)]; };
+  double squares = 0, worst = 0, detail_squares = 0;
+  for (int i = 0; i < kBlocks * kBlocks; ++i) {
+    const BlockId id{first.level, first.row + i / kBlocks, first.col + i % kBlocks};
+    const auto with = follows.detailed->block(id), without = smooth.detailed->block(id);
+    ASSERT_TRUE(with && without);
+    for (int r = 0; r <= kQuads; ++r)
+      for (int c = 0; c <= kQuads; ++c) {
+        const std::size_t post = with->index(r, c);
+        at(i / kBlocks * kQuads + r, i % kBlocks * kQuads + c) =
+            static_cast<double>(with->vertices[post].height_m) - static_cast<double>(without->vertices[post].height_m);
+      }
+  }
+  int cells = 0;
+  for (int r = kPlaces; r < kSide; r += kPlaces)
+    for (int c = kPlaces; c < kSide; c += kPlaces) {
+      double sum = 0;
+      for (int y = -kPlaces / 2; y <= kPlaces / 2; ++y)
+        for (int x = -kPlaces / 2; x <= kPlaces / 2; ++x) {
+          const auto share = [](int k) { return std::abs(k) == kPlaces / 2 ? 0.5 : 1.0; };
+          sum += share(x) * share(y) * at(r + y, c + x);
+          detail_squares += at(r + y, c + x) * at(r + y, c + x) / (kPlaces * kPlaces);
+        }
+      const double mean = sum / (kPlaces * kPlaces);
+      squares += mean * mean;
+      worst = std::max(worst, std::abs(mean));
+      ++cells;
+    }
+  EXPECT_GT(std::sqrt(detail_squares / cells), 0.15);  // the law's 2.6 m times factors of 0.1 to 0.2
+  EXPECT_LT(std::sqrt(squares / cells), 0.01);
+  EXPECT_LT(worst, 0.04);
+}
+
+TEST(DetailedTerrain, BordersAndBoundsHoldWhereReliefFollowsThePosts) {
+  const ReliefOnPosts here(following(0.2), preset().craters), again(following(0.2), preset().craters);
+  for (const int level : {9, 11, 13})
+    expect_borders_agree(*here.detailed, *again.detailed, block_over(level, 25.98, 3.51));
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> any(0.3, 1.7);
+  expect_bounds_hold(*here.detailed, here.detailed->finest_level(block_over(8, 26, 4)), [&] {
+    return std::pair{25 + any(random), 3 + any(random)};
+  });
 }
 
 // How second differences of heights grow from a quarter of a post to 8 posts: the power from each distance to the next
