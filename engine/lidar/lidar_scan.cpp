@@ -330,10 +330,20 @@ class LidarScanner {
     add_cones(middle, past_last, finest_detail, cones);
   }
 
-  // Returns the coarsest level whose post spacing is at most half the standard deviation of a sub-ray's footprint at a
-  // range. Single rays would only sample finer ground at random.
+  // Returns cones around the beams order_[first, past_last), narrow enough for ground of this level.
+  std::vector<RayCone> cones_around(std::size_t first, std::size_t past_last, int finest_detail) const {
+    std::vector<RayCone> cones;
+    for (std::size_t k = first; k < past_last; k += kBundle * kBeamGroup)
+      add_cones(k, std::min(past_last, k + kBundle * kBeamGroup), finest_detail, cones);
+    return cones;
+  }
+
+  // Returns the coarsest level whose post spacing is at most half the diameter of what a sub-ray lights up at a range,
+  // at 1/e^2 of the intensity: frames see ground by half a pixel alike. Single rays would sample finer ground at
+  // random.
   int level_for(double range_m) const {
-    const double finest_m = theta_ * sub_rays_.deviation * range_m / 2;
+    constexpr double kRadius = 2;  // standard deviations
+    const double finest_m = kRadius * theta_ * sub_rays_.deviation * range_m;
     int level = dem::kMaxLevel;
     while (level > dem::kRootLevel && dem::post_spacing_m(level - 1) <= finest_m) --level;
     return level;
@@ -388,9 +398,13 @@ class LidarScanner {
   // Casts the beams order_[first, past_last) against one scene and reports them. If one scene cannot hold their
   // terrain, casts each half. Cut between groups, so that groups stay the same, unless a half is smaller than a group.
   void cast(std::size_t first, std::size_t past_last, int finest_detail) {
-    std::vector<RayCone> cones;
-    for (std::size_t k = first; k < past_last; k += kBundle * kBeamGroup)
-      add_cones(k, std::min(past_last, k + kBundle * kBeamGroup), finest_detail, cones);
+    const auto is_final = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
+    const bool ends_here = std::any_of(&order_[first], &order_[first] + (past_last - first), is_final);
+    // Steps above all ground need no cones as narrow as the finest blocks: wide ones show that they meet none.
+    std::vector<RayCone> cones = cones_around(first, past_last, dem::kRootLevel);
+    const bool meets_ground = ends_here || ground_.may_meet_ground(cones);
+    if (!meets_ground && ground_.objects().empty()) return;
+    if (meets_ground) cones = cones_around(first, past_last, finest_detail);
     const auto ground = ground_.build_scene(cones, past_last - first == 1, finest_detail);
     if (!ground) {
       const std::size_t half = (past_last - first) / 2,
@@ -399,9 +413,7 @@ class LidarScanner {
       cast(middle, past_last, finest_detail);
       return;
     }
-    // Leave an empty scene alone if all its beams will be followed farther.
-    const auto is_final = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
-    if (ground->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), is_final)) return;
+    if (ground->empty && !ends_here) return;  // all its beams will be followed farther
     const std::size_t groups = (past_last - first + kBeamGroup - 1) / kBeamGroup;
     in_parallel_pieces(groups, 16, [&](std::size_t g, std::size_t past_last_group) {
       context_.stop.check();

@@ -158,6 +158,13 @@ int GroundAlongRays::finest_ground(int finest_detail) const {
   return std::min(finest_detail, context_.terrain.detailed()->detail().finest_level());
 }
 
+bool GroundAlongRays::may_meet_ground(const std::vector<RayCone>& rays) const {
+  constexpr int kCoarseGround = 14;  // blocks 120 m wide: their heights span metres
+  const double above_m = rocks_ ? rocks_->largest_m() : 0;
+  const auto blocks = select_for_rays(context_.terrain, rays, kMaxBlocks, context_.stop, above_m, kCoarseGround);
+  return !blocks || !blocks->empty();
+}
+
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,
                                                                            bool indivisible, int finest_detail) {
   const std::vector<RayCone> rays = bundle(single_rays);
@@ -171,9 +178,9 @@ std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const
   const auto select = [&](double above_m, int finest_level) {
     return select_for_rays(context_.terrain, rays, limit, context_.stop, above_m, finest_level);
   };
-  // Rocks stand on ground within the largest rock's height of a ray. Blocks finer than kFinestWithRocks, 4 m wide,
+  // Rocks stand on ground within the largest rock's height of a ray. Blocks finer than kFinestWithRocks, 15 m wide,
   // would be too many there: with finer ground, rocks are found by a selection of their own.
-  constexpr int kFinestWithRocks = 19;
+  constexpr int kFinestWithRocks = 17;
   const int finest_level = finest_ground(finest_detail);
   const bool separate = rocks_ && finest_level > kFinestWithRocks;
   const auto selected = select(rocks_ && !separate ? rocks_->largest_m() : 0, finest_level);

@@ -106,6 +106,8 @@ class GroundAlongRays {
   const ObjectsInFrame& objects() const { return objects_; }  // without rocks
   // Returns the finest level of the blocks of scenes with this limit of detail.
   int finest_ground(int finest_detail) const;
+  // Returns false if all rays end above the ground and the rocks on it. Makes coarse blocks of detail only.
+  bool may_meet_ground(const std::vector<RayCone>& rays) const;
 
   struct GroundScene {
     std::shared_ptr<const Scene> scene;

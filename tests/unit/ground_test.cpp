@@ -15,7 +15,7 @@ dem::DetailPreset shipped(const std::string& name) {
 }
 
 TEST(Ground, SlopesAreThePublishedOnes) {
-  for (const char* const name : {"mare", "highlands", "polar", "regolith"}) {
+  for (const char* const name : {"mare", "highlands", "polar", "landing"}) {
     double at_1_m = 0, at_100_m = 0;  // RMS slopes
     for (const SlopeRow& row : ground_slopes(shipped(name), 60)) {
       if (row.baseline_m == 1) at_1_m = row.rms_deg;
@@ -33,13 +33,14 @@ TEST(Ground, SlopesAreThePublishedOnes) {
     EXPECT_NEAR(hurst, 0.825, 0.125) << name;
   }
   EXPECT_EQ(shipped("landing").relief.deviation_m, shipped("mare").relief.deviation_m);
+  EXPECT_EQ(shipped("landing").fingerprint, shipped("regolith").fingerprint);  // an older name
 }
 
 // Chang'e-4 (Guo et al. 2021): median slopes of some 10 degrees over 7 mm, the steepest above 40; Hurst exponents of
 // 0.6 to 0.85.
 TEST(Ground, OfTheLastMetresIsAsRoughAsMeasured) {
   int rows = 0;
-  for (const SlopeRow& row : ground_slopes(shipped("regolith"), 60)) {
+  for (const SlopeRow& row : ground_slopes(shipped("landing"), 60)) {
     if (row.baseline_m > 0.2) continue;
     ++rows;
     if (row.baseline_m == 0.007) {
@@ -66,9 +67,9 @@ TEST(Ground, CratersAreAsManyAsTheLawHas) {
 
 // The area of the rocks of an octave is the law's, from fragments of 4 mm to rocks of 4 m.
 TEST(Ground, RocksCoverAsMuchAsTheLawHas) {
-  for (const char* const name : {"landing", "polar", "polar_rocky", "regolith"}) {
+  for (const char* const name : {"landing", "polar", "polar_rocky"}) {
     const std::vector<RockRow> rows = ground_rocks(shipped(name));
-    EXPECT_EQ(rows.size(), name == std::string("regolith") ? 11U : 8U);
+    EXPECT_EQ(rows.size(), name == std::string("landing") ? 11U : 8U);
     for (const RockRow& row : rows) {
       EXPECT_NEAR(row.area / row.law, 1, row.diameter_m < 4 ? 0.15 : 0.3) << name << ' ' << row.diameter_m;
       EXPECT_EQ(row.fragments > 0, row.diameter_m < 0.05) << row.diameter_m;
@@ -87,7 +88,7 @@ TEST(Ground, PolarRocksAreThoseOfHaworth) {
 
 // Every preset names what its laws were measured on and what it extrapolates.
 TEST(Ground, PresetsNameTheirSources) {
-  for (const char* const name : {"mare", "highlands", "landing", "polar", "polar_rocky", "regolith"}) {
+  for (const char* const name : {"mare", "highlands", "landing", "polar", "polar_rocky"}) {
     const dem::DetailPreset preset = shipped(name);
     const std::size_t laws = 2U + (preset.clods.cover > 0) + (preset.rocks.smallest_m < preset.rocks.largest_m);
     ASSERT_EQ(preset.sources.size(), laws) << name;
@@ -100,7 +101,7 @@ TEST(Ground, PresetsNameTheirSources) {
 
 // RMS heights in windows of 125 mm: from 1 to 18 mm, median 4 (Guo et al. 2021).
 TEST(Ground, OfTheLastMetresIsAsHighAsMeasured) {
-  const std::vector<RoughnessRow> rows = ground_roughness(shipped("regolith"), 120);
+  const std::vector<RoughnessRow> rows = ground_roughness(shipped("landing"), 120);
   ASSERT_EQ(rows.size(), 1U);
   EXPECT_LT(rows[0].median_m, 0.005);
   EXPECT_GT(rows[0].median_about_mean_m, 0.0025);
