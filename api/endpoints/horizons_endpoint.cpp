@@ -5,6 +5,8 @@
 namespace selenograph::api {
 namespace {
 
+constexpr MemberPointer kMembers[] = {{"farthest_km", "/horizon/farthest_km"}};
+
 Response answer_by(const EndpointContext& context, const auto& query, std::span<const Alternative> alternatives) {
   const std::string_view media_type =
       accepted(context, alternatives, [&](std::string_view type) { return holds(query, type); });
@@ -12,7 +14,7 @@ Response answer_by(const EndpointContext& context, const auto& query, std::span<
     throw RequestError("not_acceptable", query.area ? "a map is answered as image/tiff or application/x-npz"
                                                     : "places are not answered as image/tiff");
   context.memory.claim_work(bytes_of(query), query.pointer(), context.stop);
-  const auto found = with_refusals_at({}, query.pointer(), [&] {
+  const auto found = with_refusals_at(kMembers, query.pointer(), [&] {
     return context.renderer.query(query.detail.content, MapErrorQuery::of(query.map_error), context.stop,
                                   [&](const engine::RenderContext& rendering) { return find(query, rendering); });
   });

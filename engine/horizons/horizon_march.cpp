@@ -40,15 +40,84 @@ struct CellCorners {
   Lanes east, north;
 };
 
-HWY_INLINE CellCorners ReadCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row) {
+// Reads the cells of positions anywhere in a grid, post by post.
+HWY_INLINE CellCorners GatherCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row) {
   const hn::Rebind<std::int32_t, Sixteen> di;
   const auto whole_column = hn::ConvertTo(di, column), whole_row = hn::ConvertTo(di, row);
-  const auto post = hn::Add(hn::Mul(whole_row, hn::Set(di, grid.side)), whole_column);
-  const float* north_row = grid.heights + grid.side;
-  return {hn::GatherIndex(d, grid.heights, post),
-          hn::GatherIndex(d, grid.heights + 1, post),
-          hn::GatherIndex(d, north_row, post),
-          hn::GatherIndex(d, north_row + 1, post),
+  const auto line = hn::Mul(whole_row, hn::Set(di, grid.pitch));
+  const auto post_of = [&](hn::Vec<decltype(di)> c) {
+    const auto remainder = hn::And(c, hn::Set(di, (1 << grid.columns_log2) - 1));
+    return hn::Add(hn::Add(line, hn::Mul(remainder, hn::Set(di, grid.run))), hn::ShiftRightSame(c, grid.columns_log2));
+  };
+  const auto west = post_of(whole_column), east = post_of(hn::Add(whole_column, hn::Set(di, 1)));
+  const float* north_row = grid.heights + grid.pitch;
+  return {hn::GatherIndex(d, grid.heights, west),
+          hn::GatherIndex(d, grid.heights, east),
+          hn::GatherIndex(d, north_row, west),
+          hn::GatherIndex(d, north_row, east),
+          hn::Sub(column, hn::ConvertTo(d, whole_column)),
+          hn::Sub(row, hn::ConvertTo(d, whole_row))};
+}
+
+// Loads rows of four lanes, `step` posts apart.
+template <class D>
+HWY_INLINE hn::Vec<D> LoadRowsOfFour(D d, const float* first, [[maybe_unused]] std::ptrdiff_t step) {
+#if HWY_TARGET != HWY_SCALAR  // which has no Combine()
+  if constexpr (constexpr auto kCount = static_cast<std::ptrdiff_t>(hn::MaxLanes(D())); kCount > 4) {
+    const hn::Half<D> half;
+    return hn::Combine(d, LoadRowsOfFour(half, first + kCount / 8 * step, step), LoadRowsOfFour(half, first, step));
+  } else
+#endif
+    return hn::LoadU(d, first);
+}
+
+// Reads the cells of places on the lattice, given by the position of lane 0, for the lanes from `i` on.
+HWY_INLINE CellCorners LatticeCells(Sixteen d, const MarchGrid& grid, float column, float row, int i) {
+  const int whole_column = static_cast<int>(column), whole_row = static_cast<int>(row);
+  const int mask = (1 << grid.columns_log2) - 1;
+  const float* line = grid.heights + static_cast<std::ptrdiff_t>(whole_row) * grid.pitch;
+  const auto post_of = [&](int c) { return line + (c & mask) * grid.run + (c >> grid.columns_log2); };
+  const float *west = post_of(whole_column), *east = post_of(whole_column + 1);
+  // Lanes are in rows of four, the next row south of the one before.
+  const std::ptrdiff_t step = -(static_cast<std::ptrdiff_t>(grid.pitch) << grid.columns_log2);
+  const std::ptrdiff_t offset = i / 4 * step + i % 4;
+  return {LoadRowsOfFour(d, west + offset, step),
+          LoadRowsOfFour(d, east + offset, step),
+          LoadRowsOfFour(d, west + grid.pitch + offset, step),
+          LoadRowsOfFour(d, east + grid.pitch + offset, step),
+          hn::Set(d, column - static_cast<float>(whole_column)),
+          hn::Set(d, row - static_cast<float>(whole_row))};
+}
+
+// Looks lanes up in 4 x 4 posts, given by the index of each lane's post.
+template <class D, class I>
+HWY_INLINE hn::Vec<D> LookUp(D d, const float* posts, std::ptrdiff_t pitch, I index) {
+  const auto low = LoadRowsOfFour(d, posts, pitch);
+  if constexpr (hn::MaxLanes(D()) == 16) {
+    return hn::TableLookupLanes(low, hn::IndicesFromVec(d, index));
+  } else {
+    const hn::Rebind<std::int32_t, D> di;
+    const auto last = hn::Set(di, static_cast<int>(hn::MaxLanes(d)) - 1);
+    const auto index_in_half = hn::IndicesFromVec(d, hn::And(index, last));
+    const auto high = LoadRowsOfFour(d, posts + hn::MaxLanes(d) / 4 * pitch, pitch);
+    return hn::IfThenElse(hn::RebindMask(d, hn::Gt(index, last)), hn::TableLookupLanes(high, index_in_half),
+                          hn::TableLookupLanes(low, index_in_half));
+  }
+}
+
+// Reads the cells of positions within 4 x 4 posts, the south-western one of which is at `first_column`, `first_row`.
+HWY_INLINE CellCorners PatchCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row, int first_column,
+                                  int first_row) {
+  const hn::Rebind<std::int32_t, Sixteen> di;
+  const auto whole_column = hn::ConvertTo(di, column), whole_row = hn::ConvertTo(di, row);
+  const auto post = hn::Add(hn::ShiftLeft<2>(hn::Sub(whole_row, hn::Set(di, first_row))),
+                            hn::Sub(whole_column, hn::Set(di, first_column)));
+  const float* posts = grid.heights + static_cast<std::ptrdiff_t>(first_row) * grid.pitch + first_column;
+  const auto corner = [&](int offset) { return LookUp(d, posts, grid.pitch, hn::Add(post, hn::Set(di, offset))); };
+  return {corner(0),
+          corner(1),
+          corner(4),
+          corner(5),
           hn::Sub(column, hn::ConvertTo(d, whole_column)),
           hn::Sub(row, hn::ConvertTo(d, whole_row))};
 }
@@ -61,14 +130,38 @@ struct Bound {
   const HighestPosts* table;
   bool of_lanes;
 };
-struct ChosenTables {
-  std::vector<Bound> segments, parts;
+
+// Means of reading the cells below sixteen places. All give the same heights.
+enum class Reader {
+  gather,   // post by post
+  patch,    // from the 4 x 4 posts that hold all cells
+  lattice,  // four adjacent posts at a time: places are on the lattice, see MarchGrid
 };
 
-// Chooses for each segment the smallest table that covers it, from anywhere in any of the packets or from its lane.
+struct ChosenTables {
+  std::vector<Bound> segments, parts;
+  Reader near_reader;           // of the samples before the first segment
+  std::vector<Reader> readers;  // of the segments
+};
+
+// The middle of a packet, and the largest distance of its places from it, in x or y.
+struct PacketMiddle {
+  float x, y, half_m;
+};
+PacketMiddle MiddleOf(const MarchPlaces& places) {
+  const auto [west, east] = std::minmax_element(std::begin(places.x), std::end(places.x));
+  const auto [south, north] = std::minmax_element(std::begin(places.y), std::end(places.y));
+  return {(*west + *east) / 2, (*south + *north) / 2, std::max(*east - *west, *north - *south) / 2};
+}
+
+// Chooses for each segment its reader and the smallest table that covers it, from anywhere in any of the packets or
+// from its lane.
 ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> packets) {
-  float spread_m = 0, turn = 0;
+  float spread_m = 0, turn = 0, half_m = 0;
+  bool on_lattice = true;
   for (const MarchPlaces& places : packets) {
+    half_m = std::max(half_m, MiddleOf(places).half_m);
+    on_lattice = on_lattice && places.on_lattice;
     spread_m = std::max(spread_m, places.spread_m);
     turn = std::max(turn, places.turn);
   }
@@ -83,7 +176,20 @@ ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> pa
       if (table.reach_posts() >= extent_posts) return {&table, of_lanes};
     return {nullptr, false};
   };
+  const auto reader_of = [&](int grid_index, float far_m) {
+    const MarchGrid& grid = plan.grids[static_cast<std::size_t>(grid_index)];
+    const float turn_posts = turn * far_m * grid.posts_per_m;
+    // On the lattice all lanes are read along their mean direction: outer ones are aside by half of this.
+    constexpr float kMaxTurn_posts = 0.5F;
+    if (grid.has_lattice) return on_lattice && turn_posts < kMaxTurn_posts ? Reader::lattice : Reader::gather;
+    constexpr float kMargin_posts = 0.01F;
+    const bool in_patch = kLanes >= 8 && half_m * grid.posts_per_m + turn_posts < 1 - kMargin_posts;
+    return in_patch ? Reader::patch : Reader::gather;
+  };
   ChosenTables tables;
+  tables.near_reader =
+      reader_of(0, plan.near_samples > 0 ? plan.samples[static_cast<std::size_t>(plan.near_samples) - 1].plane_m : 0);
+  for (const MarchSegment& segment : plan.segments) tables.readers.push_back(reader_of(segment.grid, segment.far_m));
   for (const MarchSegment& segment : plan.segments) tables.segments.push_back(table_of(segment));
   for (const MarchSegment& part : plan.parts) tables.parts.push_back(table_of(part));
   return tables;
@@ -93,13 +199,13 @@ ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> pa
 class PacketMarch {
  public:
   PacketMarch(const MarchPlan& plan, const ChosenTables& tables, const MarchPlaces& places)
-      : plan_(plan), tables_(tables), places_(places) {}
+      : plan_(plan), tables_(tables), places_(places), middle_(MiddleOf(places)) {}
 
   // Finds the horizons at an azimuth, as tangents; kNoGround or less without any ground.
   void find(float cosine, float sine, float* tangent) {
     aim(cosine, sine);
     begin();
-    read(plan_.grids.front(), 0, plan_.near_samples);
+    read(plan_.grids.front(), tables_.near_reader, 0, plan_.near_samples);
     // Read the segment of the horizon at the previous azimuth first: it mostly has the horizon again, so that most
     // others are skipped.
     const std::size_t seed = seed_;
@@ -122,6 +228,10 @@ class PacketMarch {
       turned(places_.north_y, places_.east_y, i, dy_);
       turned(places_.north_k, places_.east_k, i, k_);
     }
+    constexpr int kLast = kPacket - 1;
+    middle_dx_ = (dx_[0] + dx_[kLast]) / 2;
+    middle_dy_ = (dy_[0] + dy_[kLast]) / 2;
+    middle_k_ = (k_[0] + k_[kLast]) / 2;
   }
 
   // Sets the horizon at distance 0: the slope of the ground ahead of the place, or none for an eye above the ground.
@@ -135,7 +245,10 @@ class PacketMarch {
       const Lanes dx = hn::Load(d, dx_ + i), dy = hn::Load(d, dy_ + i);
       const Lanes column = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.x + i), scale), middle), hn::Mul(dx, ahead));
       const Lanes row = hn::Add(hn::Add(hn::Mul(hn::Load(d, places_.y + i), scale), middle), hn::Mul(dy, ahead));
-      const CellCorners cell = ReadCells(d, grid, column, row);
+      const CellCorners cell = tables_.near_reader == Reader::lattice
+                                   ? LatticeCells(d, grid, lattice_column(grid) + middle_dx_ * kAhead_posts,
+                                                  lattice_row(grid) + middle_dy_ * kAhead_posts, i)
+                                   : GatherCells(d, grid, column, row);
       const Lanes eastward =
           Between(hn::Sub(cell.south_east, cell.south_west), hn::Sub(cell.north_east, cell.north_west), cell.north);
       const Lanes northward =
@@ -152,8 +265,66 @@ class PacketMarch {
       if (!places_.valid[i]) horizon_[i] = std::numeric_limits<float>::infinity();
   }
 
+  // Returns the position in a grid of lane 0 on the lattice.
+  static float on_post(float x_m, const MarchGrid& grid) { return std::round(x_m * grid.posts_per_m + grid.middle); }
+  float lattice_column(const MarchGrid& grid) const { return on_post(places_.x[0], grid); }
+  float lattice_row(const MarchGrid& grid) const { return on_post(places_.y[0], grid); }
+
   // Raises the horizons to samples of a grid. Returns true if any lane's rose.
-  bool read(const MarchGrid& grid, int first, int past_last) {
+  bool read(const MarchGrid& grid, Reader reader, int first, int past_last) {
+    switch (reader) {
+      case Reader::lattice:
+        return read_on_lattice(grid, first, past_last);
+      case Reader::patch:
+        return read_at_lanes<true>(grid, first, past_last);
+      case Reader::gather:
+        break;
+    }
+    return read_at_lanes<false>(grid, first, past_last);
+  }
+
+  // Returns the distance in the plane of a sample along a direction with this k. 1 / (1 + w) is a series: w is at most
+  // 0.002.
+  static float distance_m(const MarchSample& sample, float k) {
+    const float w = k * sample.tan_angle;
+    return sample.plane_m * (1 - w * (1 - w));
+  }
+  HWY_INLINE Lanes TangentOf(Sixteen d, const CellCorners& cell, const MarchSample& sample, Lanes own_height) const {
+    const Lanes south = Between(cell.south_west, cell.south_east, cell.east);
+    const Lanes north = Between(cell.north_west, cell.north_east, cell.east);
+    const Lanes height = Between(south, north, cell.north);
+    const Lanes rise = hn::Mul(hn::Sub(height, own_height), NearOne(d, height, plan_.per_radius));
+    return hn::Sub(hn::Mul(rise, hn::Set(d, sample.rise_per_m)), hn::Set(d, sample.drop));
+  }
+  // Stores horizons from lane `i` on. Returns true if any of them rose.
+  bool raise(Sixteen d, Lanes horizon, int i) {
+    const bool rose = !hn::AllFalse(d, hn::Gt(horizon, hn::Load(d, horizon_ + i)));
+    hn::Store(horizon, d, horizon_ + i);
+    return rose;
+  }
+
+  bool read_on_lattice(const MarchGrid& grid, int first, int past_last) {
+    const Sixteen d;
+    const float column = lattice_column(grid), row = lattice_row(grid);
+    const float columns_per_m = middle_dx_ * grid.posts_per_m, rows_per_m = middle_dy_ * grid.posts_per_m;
+    bool rose = false;
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const Lanes own_height = hn::Load(d, places_.height + i);
+      Lanes horizon = hn::Load(d, horizon_ + i);
+      for (int j = first; j < past_last; ++j) {
+        const MarchSample& sample = plan_.samples[static_cast<std::size_t>(j)];
+        const float distance = distance_m(sample, middle_k_);
+        const CellCorners cell =
+            LatticeCells(d, grid, column + columns_per_m * distance, row + rows_per_m * distance, i);
+        horizon = hn::Max(horizon, TangentOf(d, cell, sample, own_height));
+      }
+      rose = raise(d, horizon, i) || rose;
+    }
+    return rose;
+  }
+
+  template <bool kPatch>
+  bool read_at_lanes(const MarchGrid& grid, int first, int past_last) {
     const Sixteen d;
     const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle), unity = hn::Set(d, 1.F);
     bool rose = false;
@@ -163,24 +334,27 @@ class PacketMarch {
       const Lanes columns_per_m = hn::Mul(hn::Load(d, dx_ + i), scale);
       const Lanes rows_per_m = hn::Mul(hn::Load(d, dy_ + i), scale);
       const Lanes k = hn::Load(d, k_ + i), own_height = hn::Load(d, places_.height + i);
-      const Lanes before = hn::Load(d, horizon_ + i);
-      Lanes horizon = before;
+      Lanes horizon = hn::Load(d, horizon_ + i);
       for (int j = first; j < past_last; ++j) {
         const MarchSample& sample = plan_.samples[static_cast<std::size_t>(j)];
-        // 1 / (1 + w) as a series: w is at most 0.002.
         const Lanes w = hn::Mul(k, hn::Set(d, sample.tan_angle));
         const Lanes distance = hn::Mul(hn::Set(d, sample.plane_m), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
-        const CellCorners cell = ReadCells(d, grid, hn::Add(column, hn::Mul(columns_per_m, distance)),
-                                           hn::Add(row, hn::Mul(rows_per_m, distance)));
-        const Lanes south = Between(cell.south_west, cell.south_east, cell.east);
-        const Lanes north = Between(cell.north_west, cell.north_east, cell.east);
-        const Lanes height = Between(south, north, cell.north);
-        const Lanes rise = hn::Mul(hn::Sub(height, own_height), NearOne(d, height, plan_.per_radius));
-        const Lanes tangent = hn::Sub(hn::Mul(rise, hn::Set(d, sample.rise_per_m)), hn::Set(d, sample.drop));
-        horizon = hn::Max(horizon, tangent);
+        const Lanes columns = hn::Add(column, hn::Mul(columns_per_m, distance));
+        const Lanes rows = hn::Add(row, hn::Mul(rows_per_m, distance));
+        if constexpr (kPatch) {
+          const float from_middle = distance_m(sample, middle_k_);
+          const auto first_post = [&](float at_m, float direction) {
+            return static_cast<int>((at_m + direction * from_middle) * grid.posts_per_m + grid.middle) - 1;
+          };
+          horizon = hn::Max(horizon, TangentOf(d,
+                                               PatchCells(d, grid, columns, rows, first_post(middle_.x, middle_dx_),
+                                                          first_post(middle_.y, middle_dy_)),
+                                               sample, own_height));
+        } else {
+          horizon = hn::Max(horizon, TangentOf(d, GatherCells(d, grid, columns, rows), sample, own_height));
+        }
       }
-      rose = rose || !hn::AllFalse(d, hn::Gt(horizon, before));
-      hn::Store(horizon, d, horizon_ + i);
+      rose = raise(d, horizon, i) || rose;
     }
     return rose;
   }
@@ -232,13 +406,14 @@ class PacketMarch {
   bool visit(std::size_t index) {
     const MarchSegment& segment = plan_.segments[index];
     const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
-    if (segment.first_part == segment.past_last_part) return read(grid, segment.first, segment.past_last);
+    if (segment.first_part == segment.past_last_part)
+      return read(grid, tables_.readers[index], segment.first, segment.past_last);
     bool rose = false;
     for (int i = segment.first_part; i < segment.past_last_part; ++i) {
       const auto part_index = static_cast<std::size_t>(i);
       const MarchSegment& short_segment = plan_.parts[part_index];
       if (may_rise(short_segment, tables_.parts[part_index]))
-        rose = read(grid, short_segment.first, short_segment.past_last) || rose;
+        rose = read(grid, tables_.readers[index], short_segment.first, short_segment.past_last) || rose;
     }
     return rose;
   }
@@ -246,6 +421,8 @@ class PacketMarch {
   const MarchPlan& plan_;
   const ChosenTables& tables_;
   const MarchPlaces& places_;
+  PacketMiddle middle_;
+  float middle_dx_ = 0, middle_dy_ = 0, middle_k_ = 0;
   std::size_t seed_ = 0;
   alignas(64) float dx_[kPacket];
   alignas(64) float dy_[kPacket];

@@ -14,6 +14,7 @@
 // have the same angles for all places and azimuths.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -25,12 +26,24 @@ namespace selenograph::engine {
 inline constexpr double kHorizonTolerance_deg = 0.003;
 
 // A square grid of heights. Posts without data are at kVoidHeight_m.
+//
+// Places may stand on a lattice of every 2^n-th post. Posts at one offset from four neighbouring places are then
+// adjacent: a row holds the columns 0, 2^n, 2 2^n .., then 1, 2^n + 1 .., and so on, each sequence a run.
 struct MarchGrid {
-  const float* heights;  // m above the reference, row by row from the south-west
+  const float* heights;  // m above the reference, rows from the south-west
   int side;
-  float middle;       // row and column of the centre
-  float posts_per_m;  // 1 / spacing
+  bool has_lattice = false;
+  int columns_log2 = 0;  // n; 0 without a lattice
+  int run = 0;           // posts of a run
+  int pitch = 0;         // posts from row to row
+  float middle;          // row and column of the centre
+  float posts_per_m;     // 1 / spacing
   float highest_m;
+  // Returns the index of a post in `heights`.
+  std::ptrdiff_t index(int column, int row) const {
+    const int remainder = column & ((1 << columns_log2) - 1);
+    return static_cast<std::ptrdiff_t>(row) * pitch + remainder * run + (column >> columns_log2);
+  }
 };
 inline constexpr float kVoidHeight_m = -1e5F;
 
@@ -82,6 +95,8 @@ struct alignas(64) MarchPlaces {
   float north_x[kPacket], north_y[kPacket], north_k[kPacket];
   float east_x[kPacket], east_y[kPacket], east_k[kPacket];
   bool valid[kPacket];
+  // Lane 4 j + i stands on the lattice of the grids, i places of it east and j south of lane 0.
+  bool on_lattice = false;
   float spread_m = 0;     // largest distance in x or y of a place from the first one
   float turn = 0;         // largest difference of a place's direction from the first one's, as length of the difference
   bool on_ground = true;  // eyes are on the ground: its own slope is part of the horizon

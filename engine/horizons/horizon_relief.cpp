@@ -215,6 +215,22 @@ class PlanWriter {
   double next_m_ = 0;
 };
 
+// Arranges the columns of a grid for a lattice, see MarchGrid. Returns the posts of a run.
+int arrange_columns(int grid_side, int columns_log2, std::vector<float>& heights) {
+  const int run = (grid_side >> columns_log2) + 1, last_remainder = (1 << columns_log2) - 1;
+  const auto side = static_cast<std::size_t>(grid_side), pitch = static_cast<std::size_t>(run) << columns_log2;
+  std::vector<float> arranged(side * pitch, kVoidHeight_m);
+  in_parallel_pieces(side, 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t r = first; r < past_last; ++r)
+      for (int c = 0; c < grid_side; ++c) {
+        const int to = (c & last_remainder) * run + (c >> columns_log2);
+        arranged[r * pitch + static_cast<std::size_t>(to)] = heights[r * side + static_cast<std::size_t>(c)];
+      }
+  });
+  heights = std::move(arranged);
+  return run;
+}
+
 }  // namespace
 
 double posts_of(const HorizonReliefShape& shape) {
@@ -223,8 +239,17 @@ double posts_of(const HorizonReliefShape& shape) {
   return sum;
 }
 
+Eigen::Matrix3d axes_of(const HorizonReliefShape& shape) {
+  const Eigen::Matrix3d axes = relief_axes(shape.centre);
+  const double cosine = std::cos(shape.turn_rad), sine = std::sin(shape.turn_rad);
+  Eigen::Matrix3d turned = axes;
+  turned.row(0) = cosine * axes.row(0) + sine * axes.row(1);
+  turned.row(1) = cosine * axes.row(1) - sine * axes.row(0);
+  return turned;
+}
+
 HorizonRelief::HorizonRelief(const HorizonReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)
-    : shape_(shape), axes_(relief_axes(shape.centre)) {
+    : shape_(shape), axes_(axes_of(shape)) {
   const std::vector<GridShape> grids = grids_of(shape);
   for (const GridShape& grid : grids) heights_.push_back(read_heights(grid, axes_, heights, stop));
   // Keep heights relative to the middle post's: so float resolves them to millimetres near the places.
@@ -240,12 +265,19 @@ HorizonRelief::HorizonRelief(const HorizonReliefShape& shape, const ReliefHeight
       height_m = std::isnan(height_m) ? kVoidHeight_m : height_m - static_cast<float>(reference_m_);
       highest_m = std::max(highest_m, height_m);
     }
+    plan_.highest.push_back(tables_of(heights_[g], grids[g].side, stop));
+    const int columns_log2 = shape.lattice_log2 - static_cast<int>(g);
+    const bool has_lattice = columns_log2 >= 0;
+    const int run = has_lattice ? arrange_columns(grids[g].side, columns_log2, heights_[g]) : 0;
     plan_.grids.push_back({.heights = heights_[g].data(),
                            .side = grids[g].side,
+                           .has_lattice = has_lattice,
+                           .columns_log2 = std::max(columns_log2, 0),
+                           .run = run,
+                           .pitch = has_lattice ? run << columns_log2 : grids[g].side,
                            .middle = static_cast<float>(grids[g].middle()),
                            .posts_per_m = static_cast<float>(1 / grids[g].spacing_m),
                            .highest_m = highest_m});
-    plan_.highest.push_back(tables_of(heights_[g], grids[g].side, stop));
     writer.add_segments(grids[g], static_cast<int>(g));
   }
 }
@@ -255,8 +287,10 @@ std::optional<double> HorizonRelief::height_m(double x_m, double y_m) const {
   const double column = x_m / shape_.spacing_m + static_cast<double>(grid.middle);
   const double row = y_m / shape_.spacing_m + static_cast<double>(grid.middle);
   const int i = static_cast<int>(column), j = static_cast<int>(row);
-  const float* post = grid.heights + static_cast<std::ptrdiff_t>(j) * grid.side + i;
-  const double corners[4] = {post[0], post[1], post[grid.side], post[grid.side + 1]};
+  const auto post = [&](int column_index, int row_index) {
+    return static_cast<double>(grid.heights[grid.index(column_index, row_index)]);
+  };
+  const double corners[4] = {post(i, j), post(i + 1, j), post(i, j + 1), post(i + 1, j + 1)};
   constexpr double kVoid_m = kVoidHeight_m;
   if (std::any_of(std::begin(corners), std::end(corners), [](double h) { return h <= kVoid_m; })) return std::nullopt;
   const double east = column - i, north = row - j;

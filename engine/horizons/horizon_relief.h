@@ -21,15 +21,20 @@
 namespace selenograph::engine {
 
 // Posts of a grid along the distance from which the next one, twice as coarse, is read.
-inline constexpr double kPostsPerDistance = 800;
+inline constexpr double kPostsPerDistance = 1000;
 
 struct HorizonReliefShape {
-  Vec3 centre;        // unit vector, MOON_ME
-  double half_m;      // half the side of the square around the centre in which places lie, on the gnomonic plane
-  double spacing_m;   // spacing of the finest grid
-  double farthest_m;  // distance at which marches end, along the sphere
+  Vec3 centre;          // unit vector, MOON_ME
+  double half_m;        // half the side of the square around the centre in which places lie, on the gnomonic plane
+  double spacing_m;     // spacing of the finest grid
+  double farthest_m;    // distance at which marches end, along the sphere
+  double turn_rad = 0;  // of the grids' rows from east at the centre, counter-clockwise
+  // Places may stand on every 2^n-th post of the finest grid in both directions, beginning at the centre; -1: anywhere.
+  int lattice_log2 = -1;
 };
 
+// Returns the axes of the grids as rows, in MOON_ME: along their rows, along their columns, up at the centre.
+Eigen::Matrix3d axes_of(const HorizonReliefShape& shape);
 // Returns the number of posts of all grids.
 double posts_of(const HorizonReliefShape& shape);
 
@@ -38,7 +43,6 @@ class HorizonRelief {
   HorizonRelief(const HorizonReliefShape& shape, const ReliefHeights& heights, const StopToken& stop);
 
   const MarchPlan& plan() const { return plan_; }
-  // Axes of the grids as rows: east, north and up at the centre, in MOON_ME.
   const Eigen::Matrix3d& axes() const { return axes_; }
   double reference_m() const { return reference_m_; }
   // Returns the finest grid's height at a point of the plane, m above the datum; empty without data.

@@ -1,5 +1,7 @@
 #include "engine/horizons/map_horizons.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -7,6 +9,7 @@
 #include <limits>
 #include <mutex>
 #include <optional>
+#include <string_view>
 
 #include "dem/base/error.h"
 #include "dem/base/parallel.h"
@@ -17,10 +20,26 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns the error for a place whose terrain exceeds the memory for it.
+ImpossibleRequest too_large(std::string_view eye) {
+  return ImpossibleRequest(fmt::format("the terrain around one {} does not fit into memory: reduce farthest_km", eye),
+                           "farthest_km");
+}
+
+constexpr int kPacketColumns = 4;  // and rows, of pixels in a packet
+
 // Sixteen places that march together. Lanes with index -1 have none.
 struct PlacePacket {
   std::array<int, kPacket> index;
   std::array<Vec3, kPacket> up;  // unit vectors
+  int column = 0, row = 0;       // of a map's pixel in lane 0
+};
+
+// Pixels of a map that are a square lattice on the gnomonic plane around one of them.
+struct PixelLattice {
+  int column, row;  // of the pixel in the middle
+  double spacing_m;
+  double turn_rad;  // of the map's rows from east in the middle, counter-clockwise
 };
 
 // Places that share a relief: those of a rectangle of the map, or a group of single places.
@@ -30,6 +49,7 @@ struct PlaceTile {
   Vec3 centre = Vec3::Zero();
   double half_m = 0;  // half the side of the square that holds all places, on the gnomonic plane around the centre
   std::size_t places = 0;
+  std::optional<PixelLattice> lattice;
 };
 
 // Sets the centre and the size of a tile. Returns false if it has no places or is too wide for a plane.
@@ -81,11 +101,21 @@ class HorizonSearch {
   }
 
   // Returns the shape of a tile's relief. Its finest spacing is an eighth of the posts', because its cells round the
-  // edges of triangles and so lower crests.
+  // edges of triangles and so lower crests. On a lattice it is about that, so that it divides the lattice's spacing.
   HorizonReliefShape shape_of(const PlaceTile& tile) const {
     const double spacing_m = finest_spacing_m(tile, context_.terrain) / 8;
-    return {tile.centre, tile.half_m, spacing_m, options_.farthest_m};
+    constexpr double kCoarser_log2 = 0.15;
+    const double posts_log2 = tile.lattice ? std::log2(tile.lattice->spacing_m / spacing_m) : -1;
+    if (!tile.lattice || posts_log2 < -kCoarser_log2) return {tile.centre, tile.half_m, spacing_m, options_.farthest_m};
+    const int lattice_log2 = static_cast<int>(std::ceil(posts_log2 - kCoarser_log2));
+    return {.centre = tile.centre,
+            .half_m = tile.half_m + (kPacketColumns - 1) * tile.lattice->spacing_m,  // packets may exceed the tile
+            .spacing_m = std::ldexp(tile.lattice->spacing_m, -lattice_log2),
+            .farthest_m = options_.farthest_m,
+            .turn_rad = tile.lattice->turn_rad,
+            .lattice_log2 = lattice_log2};
   }
+  const dem::Terrain& terrain() const { return context_.terrain; }
   static bool fits(const HorizonReliefShape& shape) {
     constexpr double kMaxPosts = 6e7;  // with their tables, 0.6 GB
     return posts_of(shape) <= kMaxPosts;
@@ -98,7 +128,8 @@ class HorizonSearch {
     in_parallel(tile.group_begins.size() - 1, [&](std::size_t i) {
       context_.stop.check();
       const std::size_t first = tile.group_begins[i], past_last = tile.group_begins[i + 1];
-      find(std::span(tile.packets).subspan(first, past_last - first), relief);
+      find(std::span(tile.packets).subspan(first, past_last - first), relief,
+           shape.lattice_log2 < 0 ? nullptr : &*tile.lattice);
     });
   }
 
@@ -117,13 +148,16 @@ class HorizonSearch {
   }
 
  private:
-  // Sets a lane's position and directions in the relief's plane. Returns false without data.
+  // Sets a lane's position, unless it is on the lattice, and directions in the relief's plane. Returns false without
+  // data.
   bool place_lane(const Vec3& up, const HorizonRelief& relief, std::size_t lane, MarchPlaces& march,
                   PacketHorizons& out) const {
     out.axes[lane] = local_axes(up);
     const Vec3 p = relief.axes() * up;
-    march.x[lane] = static_cast<float>(kMoonRadius_m * p.x() / p.z());
-    march.y[lane] = static_cast<float>(kMoonRadius_m * p.y() / p.z());
+    if (!march.on_lattice) {
+      march.x[lane] = static_cast<float>(kMoonRadius_m * p.x() / p.z());
+      march.y[lane] = static_cast<float>(kMoonRadius_m * p.y() / p.z());
+    }
     // A step of tan(a) along the unit tangent t leads to (p + tan(a) t) / (p.z + tan(a) t.z) on the plane.
     const auto set = [&](const Vec3& direction, float* x, float* y, float* k) {
       const Vec3 t = relief.axes() * direction;
@@ -142,9 +176,14 @@ class HorizonSearch {
   }
 
   // Sets the lanes of a packet. Returns the number of its places that have data.
-  std::size_t place_packet(const PlacePacket& packet, const HorizonRelief& relief, MarchPlaces& march,
-                           PacketHorizons& out) const {
+  std::size_t place_packet(const PlacePacket& packet, const HorizonRelief& relief, const PixelLattice* lattice,
+                           MarchPlaces& march, PacketHorizons& out) const {
     march.on_ground = options_.height_above_ground_m == 0;
+    march.on_lattice = lattice != nullptr;
+    for (int i = 0; lattice && i < kPacket; ++i) {
+      march.x[i] = static_cast<float>((packet.column + i % kPacketColumns - lattice->column) * lattice->spacing_m);
+      march.y[i] = static_cast<float>((lattice->row - packet.row - i / kPacketColumns) * lattice->spacing_m);
+    }
     // Lanes without a place repeat the first one, so that they do not widen the packet.
     const auto first = static_cast<std::size_t>(
         std::find_if(packet.index.begin(), packet.index.end(), [](int i) { return i >= 0; }) - packet.index.begin());
@@ -165,14 +204,14 @@ class HorizonSearch {
   }
 
   // Finds the horizons of a group of neighbouring packets.
-  void find(std::span<const PlacePacket> packets, const HorizonRelief& relief) {
+  void find(std::span<const PlacePacket> packets, const HorizonRelief& relief, const PixelLattice* lattice) {
     std::vector<MarchPlaces> marches;
     std::vector<PacketHorizons> out;
     std::size_t places = 0, with_data = 0;
     for (const PlacePacket& packet : packets) {
       places += static_cast<std::size_t>(
           std::count_if(packet.index.begin(), packet.index.end(), [](int i) { return i >= 0; }));
-      const std::size_t found = place_packet(packet, relief, marches.emplace_back(), out.emplace_back());
+      const std::size_t found = place_packet(packet, relief, lattice, marches.emplace_back(), out.emplace_back());
       with_data += found;
       if (found > 0) continue;
       marches.pop_back();
@@ -200,8 +239,6 @@ class HorizonSearch {
   HorizonReport report_;
 };
 
-constexpr int kPacketColumns = 4;  // and rows, of pixels in a packet
-
 // A rectangle of the map's pixels.
 struct PixelRect {
   int x, y, width, height;
@@ -212,6 +249,8 @@ void add_packet(const dem::MapGrid& grid, const dem::MapTransform& map, const Pi
                 PlaceTile& tile) {
   PlacePacket packet;
   packet.index.fill(-1);
+  packet.column = x;
+  packet.row = y;
   std::size_t places = 0;
   for (int i = 0; i < kPacket; ++i) {
     const int column = x + i % kPacketColumns, row = y + i / kPacketColumns;
@@ -242,17 +281,53 @@ PlaceTile tile_of(const dem::MapGrid& grid, const PixelRect& rect) {
   return tile;
 }
 
+// Returns the lattice of a rectangle's pixels; empty if the projection moves any of them from it by more than
+// max_shift_m.
+std::optional<PixelLattice> lattice_of(const dem::MapGrid& grid, const PixelRect& rect, double max_shift_m) {
+  const dem::MapTransform map(grid.plane);
+  PixelLattice lattice{rect.x + rect.width / 2, rect.y + rect.height / 2, 0, 0};
+  const std::optional<Vec3> centre = map.direction(grid.point(lattice.column, lattice.row));
+  if (!centre) return std::nullopt;
+  const Eigen::Matrix3d axes = relief_axes(*centre);
+  // Returns the position in the plane of a pixel by its distance from the middle; NaN beyond the Moon's limb.
+  const auto position = [&](int columns, int rows) -> Eigen::Vector2d {
+    const std::optional<Vec3> up = map.direction(grid.point(lattice.column + columns, lattice.row + rows));
+    const Vec3 p = up ? axes * *up : Vec3(std::nan(""), 0, 0);
+    return kMoonRadius_m / p.z() * p.head<2>();
+  };
+  const int half = std::max(1, std::max(rect.width, rect.height) / 2);
+  const Eigen::Vector2d step = (position(half, 0) - position(-half, 0)) / (2 * half);
+  lattice.spacing_m = step.norm();
+  lattice.turn_rad = std::atan2(step.y(), step.x());
+  for (const int rows : {-half, 0, half})
+    for (const int columns : {-half, 0, half}) {
+      const Eigen::Vector2d node = columns * step + rows * Eigen::Vector2d(step.y(), -step.x());
+      if (!((position(columns, rows) - node).norm() <= max_shift_m)) return std::nullopt;
+    }
+  return lattice;
+}
+
+// Places the centre of a tile in the middle of its lattice.
+void centre_on_lattice(const dem::MapGrid& grid, const PixelRect& rect, PlaceTile& tile) {
+  tile.centre = *dem::MapTransform(grid.plane).direction(grid.point(tile.lattice->column, tile.lattice->row));
+  tile.half_m = (std::max(rect.width, rect.height) / 2 + 1) * tile.lattice->spacing_m;
+}
+
 // Finds the horizons of a rectangle, or of its halves if its relief would be too large.
 void find(const dem::MapGrid& grid, const PixelRect& rect, HorizonSearch& search) {
   PlaceTile tile = tile_of(grid, rect);
   const auto pixels = static_cast<std::size_t>(rect.width) * static_cast<std::size_t>(rect.height);
   if (tile.places == 0) return search.done(pixels);
-  if (enclose(tile))
+  if (enclose(tile)) {
+    // Pixels may stand aside by a small share of the spacing of posts.
+    tile.lattice = lattice_of(grid, rect, finest_spacing_m(tile, search.terrain()) / 32);
+    if (tile.lattice) centre_on_lattice(grid, rect, tile);
     if (const HorizonReliefShape shape = search.shape_of(tile); HorizonSearch::fits(shape)) {
       search.find(tile, shape);
       return search.done(pixels - tile.places);
     }
-  if (pixels == 1) throw ImpossibleRequest("the terrain around one pixel does not fit into memory: reduce farthest_km");
+  }
+  if (pixels == 1) throw too_large("pixel");
   PixelRect a = rect, b = rect;
   // Halve to a multiple of four pixels where possible, so that packets stay full.
   const auto half = [](int side) { return side > 8 ? (side / 2 + 3) / 4 * 4 : (side + 1) / 2; };
@@ -269,8 +344,8 @@ void find(const dem::MapGrid& grid, const PixelRect& rect, HorizonSearch& search
   find(grid, b, search);
 }
 
-// Returns groups of places within 2 km of the first one of each, in packets.
-std::vector<PlaceTile> groups_of(std::span<const Vec3> places) {
+// Returns groups of places within 2 km of the first one of each, as their indices.
+std::vector<std::vector<std::size_t>> groups_of(std::span<const Vec3> places) {
   constexpr double kGroup_m = 2000;
   std::vector<std::vector<std::size_t>> groups;
   for (std::size_t i = 0; i < places.size(); ++i) {
@@ -282,22 +357,28 @@ std::vector<PlaceTile> groups_of(std::span<const Vec3> places) {
     else
       near->push_back(i);
   }
-  std::vector<PlaceTile> tiles;
-  for (const std::vector<std::size_t>& group : groups) {
-    PlaceTile& tile = tiles.emplace_back();
-    tile.places = group.size();
-    for (std::size_t i = 0; i < group.size(); ++i) {
-      if (i % kPacket == 0) {
-        tile.packets.emplace_back();
-        tile.packets.back().index.fill(-1);
-      }
-      tile.packets.back().index[i % kPacket] = static_cast<int>(group[i]);
-      tile.packets.back().up[i % kPacket] = places[group[i]];
+  return groups;
+}
+
+// Finds the horizons of a group of places, or of its halves if its relief would be too large.
+void find(std::span<const Vec3> places, std::span<const std::size_t> group, HorizonSearch& search) {
+  PlaceTile tile;
+  tile.places = group.size();
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    if (i % kPacket == 0) {
+      tile.packets.emplace_back();
+      tile.packets.back().index.fill(-1);
     }
-    tile.group_begins.push_back(tile.packets.size());
-    enclose(tile);
+    tile.packets.back().index[i % kPacket] = static_cast<int>(group[i]);
+    tile.packets.back().up[i % kPacket] = places[group[i]];
   }
-  return tiles;
+  tile.group_begins.push_back(tile.packets.size());
+  enclose(tile);
+  const HorizonReliefShape shape = search.shape_of(tile);
+  if (HorizonSearch::fits(shape)) return search.find(tile, shape);
+  if (group.size() == 1) throw too_large("place");
+  find(places, group.first(group.size() / 2), search);
+  find(places, group.subspan(group.size() / 2), search);
 }
 
 }  // namespace
@@ -317,12 +398,7 @@ HorizonReport find_place_horizons(std::span<const Vec3> places, const HorizonOpt
                                   const RenderContext& context, const OnPacketHorizons& on_packet,
                                   const HorizonProgress& progress) {
   HorizonSearch search(options, context, on_packet, progress, places.size());
-  for (const PlaceTile& tile : groups_of(places)) {
-    const HorizonReliefShape shape = search.shape_of(tile);
-    if (!HorizonSearch::fits(shape))
-      throw ImpossibleRequest("the terrain around one place does not fit into memory: reduce farthest_km");
-    search.find(tile, shape);
-  }
+  for (const std::vector<std::size_t>& group : groups_of(places)) find(places, group, search);
   return search.report();
 }
 

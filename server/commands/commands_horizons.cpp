@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <ctime>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -174,6 +175,8 @@ int run(const TiledSettings& settings, std::span<const api::Alternative> alterna
   const Work work{*query, *renderer};
   const bool done =
       settings.tile_px > 0 ? write_tiles(work, settings) : write_file(work, alternatives, settings.output);
+  // std::clock() counts all threads of the process, from its start.
+  if (done) fmt::print(stderr, "processor time {:.1f} s\n", static_cast<double>(std::clock()) / CLOCKS_PER_SEC);
   return done ? 0 : 1;
 }
 

@@ -74,21 +74,23 @@ class Horizons(unittest.TestCase):
         azimuth = np.radians(np.arange(72) * 5.0)
         self.assertLess(np.abs(tilted - true - 0.4 * np.sin(azimuth)).max(), 0.06)
 
-    def on_the_wrong_side(self, service, places, horizon, offsets_deg):
-        """Shares of rays from the eyes that hit ground above the horizons found, or miss it below them, by offset."""
-        status, _, body = service.post("/v1/horizons", {"places": places, "horizon": horizon}, "application/json")
-        self.assertEqual(status, 200, body[:300])
-        answer = json.loads(body)["places"]
+    def on_the_wrong_side(self, service, places, horizon, offsets_deg, elevations_deg=None):
+        """Shares of rays from the eyes that hit ground above the horizons found, or miss it below them, by offset.
+        The horizons are those at the places unless they are given, as pixels of a map."""
+        if elevations_deg is None:
+            status, _, body = service.post("/v1/horizons", {"places": places, "horizon": horizon}, "application/json")
+            self.assertEqual(status, 200, body[:300])
+            elevations_deg = [found["elevation_deg"] for found in json.loads(body)["places"]]
         ground = [p["height_m"] for p in json.loads(service.post("/v1/heights", {"points": places})[2])["points"]]
         rays = []
-        for place, found, height_m in zip(places, answer, ground):
+        for place, found, height_m in zip(places, elevations_deg, ground):
             lat, lon = np.radians([place["lat_deg"], place["lon_deg"]])
             up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
             east = np.array([-np.sin(lon), np.cos(lon), 0])
             north = np.cross(up, east)
             origin = (RADIUS_M + height_m + horizon["height_above_ground_m"]) * up
-            for k, elevation_deg in enumerate(found["elevation_deg"]):
-                azimuth = 2 * np.pi * k / len(found["elevation_deg"])
+            for k, elevation_deg in enumerate(found):
+                azimuth = 2 * np.pi * k / len(found)
                 level = np.cos(azimuth) * north + np.sin(azimuth) * east
                 for elevation in np.radians(elevation_deg + offsets_deg):
                     rays.append({"origin_m": list(origin), "direction": list(np.cos(elevation) * level + np.sin(elevation) * up)})
@@ -118,6 +120,24 @@ class Horizons(unittest.TestCase):
                   for lat, lon in zip(random.uniform(-0.012, 0.012, 40), random.uniform(-0.12, 0.12, 40))]
         wrong = self.on_the_wrong_side(service, places, {**horizon, "farthest_km": 3}, offsets_deg)
         self.assertLess(wrong[:3].max(), 0.002)
+        self.assertLess(wrong[4], 0.05)
+        self.assertLess(wrong[5], 0.01)
+
+        # The same of a map's pixels, which march on a lattice: an orthographic map, whose positions are known.
+        side, gsd_m, centre = 64, 10, {"lat_deg": -84.19055, "lon_deg": 86.58583}
+        area = {"projection": "orthographic", "center": centre, "width_m": side * gsd_m, "height_m": side * gsd_m, "gsd_m": gsd_m}
+        found = service.arrays({"map": area, "horizon": {**horizon, "farthest_km": 3}}, "/v1/horizons")["elevation_deg"]
+        lat, lon = np.radians([centre["lat_deg"], centre["lon_deg"]])
+        up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+        east = np.array([-np.sin(lon), np.cos(lon), 0])
+        places, elevations_deg = [], []
+        for row, column in random.integers(0, side, (60, 2)):
+            east_m, north_m = (column + 0.5 - side / 2) * gsd_m, (side / 2 - row - 0.5) * gsd_m
+            x, y, z = east_m * east + north_m * np.cross(up, east) + np.sqrt(RADIUS_M**2 - east_m**2 - north_m**2) * up
+            places.append({"lat_deg": float(np.degrees(np.arcsin(z / RADIUS_M))), "lon_deg": float(np.degrees(np.arctan2(y, x)))})
+            elevations_deg.append(found[:, row, column].astype(float).tolist())
+        wrong = self.on_the_wrong_side(service, places, horizon, offsets_deg, elevations_deg)
+        self.assertLess(wrong[:3].max(), 0.01)
         self.assertLess(wrong[4], 0.05)
         self.assertLess(wrong[5], 0.01)
         service.expect_clean_stop()

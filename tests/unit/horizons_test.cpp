@@ -112,6 +112,54 @@ TEST(Horizons, ABowlIsRoundAtThePolesToo) {
   }
 }
 
+// Rough ground with posts 5 m apart, whose places are read from adjacent posts and, as a check, one by one.
+TEST(Horizons, PlacesOnALatticeSeeTheSameGround) {
+  const EastNorthUp axes = local_axes(kSite);
+  const Ground ground = [&](const Vec3& d) {
+    const double x_m = kMoonRadius_m * d.dot(axes.east), y_m = kMoonRadius_m * d.dot(axes.north);
+    return 3 * std::sin(x_m / 7) * std::cos(y_m / 11) + 40 * std::sin(x_m / 90 + y_m / 130) +
+           200 * std::cos(y_m / 2000);
+  };
+  const ReliefHeights heights = [&](double, std::span<const Vec3> directions, std::span<float> out) {
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(ground(directions[i]));
+  };
+  constexpr double kSpacing_m = 2, kLattice_m = 16, kTurn_rad = 0.4;
+  const HorizonRelief relief({kSite, 100, kSpacing_m, 2e4, kTurn_rad, 3}, heights, {});
+  MarchPlaces places{};
+  const Eigen::Matrix3d from_moon = relief.axes();
+  for (int i = 0; i < kPacket; ++i) {
+    places.x[i] = static_cast<float>((i % 4 - 2) * kLattice_m);
+    places.y[i] = static_cast<float>((1 - i / 4) * kLattice_m);
+    const Vec3 north = from_moon * axes.north, east = from_moon * axes.east;
+    places.north_x[i] = static_cast<float>(north.x());
+    places.north_y[i] = static_cast<float>(north.y());
+    places.east_x[i] = static_cast<float>(east.x());
+    places.east_y[i] = static_cast<float>(east.y());
+    places.valid[i] = true;
+    places.height[i] =
+        static_cast<float>(relief.height_m(static_cast<double>(places.x[i]), static_cast<double>(places.y[i])).value() -
+                           relief.reference_m());
+  }
+  places.spread_m = static_cast<float>(3 * kLattice_m);
+  constexpr int kAzimuths = 90;
+  const auto horizons = [&](bool on_lattice) {
+    places.on_lattice = on_lattice;
+    std::vector<float> elevation_deg(std::size_t{kAzimuths} * kPacket);
+    find_horizons(relief.plan(), {&places, 1}, kAzimuths, elevation_deg.data());
+    return elevation_deg;
+  };
+  const std::vector<float> found = horizons(true), expected = horizons(false);
+  for (std::size_t i = 0; i < found.size(); ++i) ASSERT_NEAR(found[i], expected[i], 2e-4) << i;
+  // Grids of this relief are also coarser than the lattice, so that patches of posts are read, too.
+  EXPECT_GT(relief.plan().grids.size(), 4U);
+  const double truth_deg = brute_force_deg(
+      ground,
+      from_moon.transpose() *
+          Vec3(static_cast<double>(places.x[5]), static_cast<double>(places.y[5]), kMoonRadius_m).normalized(),
+      0, 0, 0.5, 2e4);
+  EXPECT_NEAR(found[5], truth_deg, 0.05);
+}
+
 TEST(Horizons, VoidsHaveNoHorizon) {
   const EastNorthUp axes = local_axes(kSite);
   const auto north_m = [&](const Vec3& d) { return kMoonRadius_m * d.dot(axes.north); };
