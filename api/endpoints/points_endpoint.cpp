@@ -75,10 +75,11 @@ Response answer_rays(const EndpointContext& context) {
   claim_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto map_error = MapErrorQuery::of(query.map_error);
   const auto hits = with_refusals_at({}, "/rays", [&] {
-    return context.renderer.query(
-        query.request.detail, map_error, context.stop, [&](const engine::RenderContext& rendering) {
-          return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(), rendering);
-        });
+    return context.renderer.query(query.request.detail, map_error, context.stop,
+                                  [&](const engine::RenderContext& rendering) {
+                                    return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(),
+                                                             rendering, query.min_post_spacing_m);
+                                  });
   });
   // Light from terrain is computed for terrain only, not for objects and rocks.
   std::vector<std::optional<engine::LitPlace>> places;

@@ -35,6 +35,7 @@ struct RaysQuery : PointScenery {
   std::vector<engine::Ray> rays;
   std::vector<std::size_t> shape{};
   std::optional<MapErrorQuery> map_error{};
+  double min_post_spacing_m = 0;
 };
 // `points`: the landmarks to project into the camera's image.
 struct ProjectQuery : PointScenery {

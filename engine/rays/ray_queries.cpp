@@ -36,9 +36,12 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 // Casts rays against the finest terrain along them, in batches that share a scene.
 class RayCaster {
  public:
-  // `ray_description`: a ray in the words of the request, for errors.
-  RayCaster(const char* ray_description, const std::vector<SceneObject>& objects, const RenderContext& context)
-      : ground_(ray_description, scenery_of(objects), context), context_(context) {}
+  // `ray_description`: a ray in the words of the request, for errors. `min_spacing_m`: as of cast_rays().
+  RayCaster(const char* ray_description, const std::vector<SceneObject>& objects, const RenderContext& context,
+            double min_spacing_m = 0)
+      : ground_(ray_description, scenery_of(objects), context), context_(context) {
+    while (finest_detail_ > dem::kRootLevel && dem::post_spacing_m(finest_detail_) < min_spacing_m) --finest_detail_;
+  }
 
   enum class Targets { terrain_only, everything };
   // `within_m`: the length to which each ray is cast; empty: all are unlimited.
@@ -262,7 +265,7 @@ class RayCaster {
         cones.push_back({.origin_m = rays[i].origin_m, .direction = rays[i].direction, .to_m = to_m[i]});
       for (const Vec3& direction : toward) cones.push_back({rays[i].origin_m, direction});
     }
-    const auto ground_scene = ground_.build_scene(cones, batch.size() == 1);
+    const auto ground_scene = ground_.build_scene(cones, batch.size() == 1, finest_detail_);
     if (!ground_scene) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
       split(rays, {batch.begin(), middle}, to_m, work, toward);
@@ -285,6 +288,7 @@ class RayCaster {
 
   GroundAlongRays ground_;
   const RenderContext& context_;
+  int finest_detail_ = dem::kMaxLevel;
 };
 
 // Returns whether a ray passes below the highest possible terrain.
@@ -325,8 +329,9 @@ Vec3 locate_landmark(const RowViews& views, const Vec3& point_m, Landmark& out) 
 }  // namespace
 
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
-                              const std::optional<Sun>& sun, const RenderContext& context) {
-  return RayCaster("a ray, or its way to the Sun,", objects, context).cast(rays, sun, RayCaster::Targets::everything);
+                              const std::optional<Sun>& sun, const RenderContext& context, double min_spacing_m) {
+  return RayCaster("a ray, or its way to the Sun,", objects, context, min_spacing_m)
+      .cast(rays, sun, RayCaster::Targets::everything);
 }
 
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,

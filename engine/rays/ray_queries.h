@@ -62,10 +62,11 @@ struct Landmark {
   std::optional<LitPlace> place{};  // on terrain, with a Sun
 };
 
-// Intersects rays with the finest terrain, rocks and objects; returns a hit for each ray. Throws TooMuchTerrain (an
-// ImpossibleRequest), DataError and Cancelled.
+// Intersects rays with the finest terrain, rocks and objects; returns a hit for each ray. Of ground with detail,
+// posts closer than `min_spacing_m` and rocks below it are left out. Throws TooMuchTerrain (an ImpossibleRequest),
+// DataError and Cancelled.
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
-                              const std::optional<Sun>& sun, const RenderContext& context);
+                              const std::optional<Sun>& sun, const RenderContext& context, double min_spacing_m = 0);
 
 // Projects landmarks. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the point
 // is in front of the camera; visible: in_frame and nothing stands between. With a shutter a landmark appears in the

@@ -246,6 +246,12 @@ class Detail(unittest.TestCase):
         self.assertEqual(status, 200, body[:500])
         ranges = np.array([ray["range_m"] for ray in json.loads(body)["rays"]])
         np.testing.assert_allclose(5000 - ranges, heights, rtol=0, atol=1e-6)
+        # Coarser posts are near the finest ones, and are these where no posts are as close as asked for.
+        for spacing_m, least_m, most_m in ((1e-3, 0, 0), (2.0, 1e-3, 2.0)):
+            body = self.service.post("/v1/rays", {"rays": rays, "detail": preset, "min_post_spacing_m": spacing_m})[2]
+            apart_m = np.abs(np.array([ray["range_m"] for ray in json.loads(body)["rays"]]) - ranges).max()
+            self.assertGreaterEqual(apart_m, least_m)
+            self.assertLessEqual(apart_m, most_m)
 
         area = {"projection": "orthographic", "center": {"lat_deg": LAT, "lon_deg": LON}, "width_m": 40.0,
                 "height_m": 40.0, "gsd_m": 2.0}
