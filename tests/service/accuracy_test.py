@@ -101,7 +101,7 @@ class VerifyAccuracy(unittest.TestCase):
         return output, rows
 
     def test_with_detail(self):
-        _, rows = self.measured("touchdown", 48, "--scenes", "touchdown", "--detail", "landing", "--assets-dir",
+        _, rows = self.measured("touchdown", 48, "--scenes", "touchdown", "--detail", "mare", "--assets-dir",
                                 os.path.join(harness.REPOSITORY, "deploy", "assets"),
                                 within=0.998)  # the bound is the mesh's: soil beside rocks is none
         self.assertEqual({row["scene"] for row in rows}, {"touchdown"})
