@@ -512,7 +512,7 @@ class InABrowser(unittest.TestCase):
             self.browser.execute_script("document.getElementById('renderFrame').scrollIntoView()")
             self.screenshot("docs-call-" + name)
         text = self.unfold()
-        for said in ("POST /v1/frames", "height_m", "example: nadir", "exactly one of fov_deg, fx, focal_length_mm, cahvor is required"):
+        for said in ("POST /v1/frames", "height_m", "example: nadir", "exactly one of fov_deg, fx, focal_length_mm, cahvor, lines_of_sight is required"):
             self.assertIn(said, text)
         for raw in ("##", "|--", "`", "**", "[object", "undefined"):
             self.assertNotIn(raw, text)
