@@ -383,9 +383,10 @@ class Points(WithClient):
         down = -np.array([np.cos(np.radians(lat)) * np.cos(np.radians(lon)),
                           np.cos(np.radians(lat)) * np.sin(np.radians(lon)), np.sin(np.radians(lat))]).transpose(1, 2, 0)
         rays = self.client.rays(-1747400 * down, down, detail="landing")
-        on_ground = rays.rock == 0
-        self.assertGreater(on_ground.mean(), 0.9)
-        np.testing.assert_allclose(rays.range_m[on_ground], 10000 - detailed[on_ground], atol=1e-6)
+        # All but rocks and the soil against them.
+        apart_m = np.abs(rays.range_m - (10000 - detailed))
+        self.assertLessEqual((apart_m > 1e-6).sum(), 4)
+        self.assertLess(apart_m.max(), 1)
         region = {"south_deg": -6.502, "north_deg": -6.498, "west_deg": 39.998, "east_deg": 40.002}
         craters = self.client.features("landing", region, smallest_m=5)
         self.assertGreater(len(craters), 10)
