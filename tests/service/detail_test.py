@@ -258,6 +258,16 @@ class Detail(unittest.TestCase):
         request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": preset}
         self.assertAlmostEqual(self.service.arrays(request, "/v1/maps")["height"].mean(), self.detailed, delta=10)
 
+    def test_views_from_close_by_to_the_horizon_take_rays(self):
+        """The shadow map's cells are of one size: most samples of such a view would be in a few."""
+        camera = {"model": "pinhole", "width": 400, "height": 400, "fov_deg": 50.0}
+        low = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 75.0, "elevation_deg": 5.0}}
+        for height_m, expected in ((2, "raytrace"), (1500, "zbuffer")):
+            pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_above_ground_m": height_m},
+                    "nadir": {"up_azimuth_deg": 0.0, "tilt_deg": 75.0, "azimuth_deg": 0.0}}
+            _, meta, _ = self.arrays(self.request(("radiance",), camera=camera, pose=pose, sun=low))
+            self.assertEqual(meta["visibility"], expected, height_m)
+
     def test_another_preset_under_the_name_is_another_frame(self):
         write("changing", PRESET)
         request = self.request(("radiance",), detail="changing")
