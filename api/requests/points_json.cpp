@@ -77,7 +77,7 @@ const Members<RaysQuery>& rays_members() {
         m.add(
             "min_post_spacing_m", &RaysQuery::min_post_spacing_m, Number{{0, 1e4}, "m"},
             "of ground with `detail`: closer posts, and smaller rocks, are left out, as a beam of this width would; 0: "
-            "none. Ground to the millimetre takes 17 ms per place that is far from others, once");
+            "none. Ground to the millimetre takes 40 ms per place that is far from others, once");
         m.check([](const JsonReader&, RaysQuery& query, const ReadContext& context) {
           query.sun_utc = context.sun_utc;
           resolve_preset(query.request, query.surface);

@@ -143,6 +143,7 @@ double distance_ratio(const View& view, const Selection& selection) {
   const double nearest_m = stretched_focal_px(view) / selection.max_pixels_per_metre;
   const double eye_m = view.position().norm(), sphere_m = eye_m - nearest_m;
   if (!(nearest_m > 0 && sphere_m > kMoonRadius_m / 2)) return 1;
+  const double horizon_m = std::sqrt(eye_m * eye_m - sphere_m * sphere_m);
   double farthest_m = nearest_m;
   for (const double down : {0.0, 0.5, 1.0})
     for (const double right : {0.0, 0.5, 1.0}) {
@@ -150,7 +151,6 @@ double distance_ratio(const View& view, const Selection& selection) {
       if (!ray) continue;
       const double toward_centre_m = -view.position().dot(ray->normalized());
       const double inside_m2 = sphere_m * sphere_m - eye_m * eye_m + toward_centre_m * toward_centre_m;
-      const double horizon_m = std::sqrt(eye_m * eye_m - sphere_m * sphere_m);
       const bool meets = inside_m2 > 0 && toward_centre_m > 0;
       farthest_m = std::max(farthest_m, meets ? toward_centre_m - std::sqrt(inside_m2) : horizon_m);
     }
