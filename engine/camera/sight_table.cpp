@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "dem/base/error.h"
 #include "dem/base/hash.h"
@@ -150,6 +151,14 @@ std::optional<Eigen::Vector2d> SightTable::image(const Eigen::Vector2d& plane) c
 
 Eigen::Matrix2d SightTable::jacobian(const Eigen::Vector2d& plane) const {
   return sight(image(plane).value_or(plane)).derivative.inverse();
+}
+
+void set_sights(std::shared_ptr<const SightTable> sights, Camera& camera) {
+  camera.fx = sights->focal_px(0, camera.width);
+  camera.fy = sights->focal_px(1, camera.height);
+  camera.cx = sights->centre_px(0, camera.width);
+  camera.cy = sights->centre_px(1, camera.height);
+  camera.sights = std::move(sights);
 }
 
 }  // namespace selenograph::engine

@@ -9,11 +9,13 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "dem/grid/geodesy.h"
+#include "engine/frame/camera.h"
 
 namespace selenograph::engine {
 
@@ -62,5 +64,8 @@ class SightTable {
   Eigen::Array2d first_, span_;  // image position of the first node, and extent of the nodes
   double reach_ = 0;
 };
+
+// Sets a camera's lines of sight and, as its fx, fy, cx and cy, the pinhole that fits them. Its sides are at least 2.
+void set_sights(std::shared_ptr<const SightTable> sights, Camera& camera);
 
 }  // namespace selenograph::engine

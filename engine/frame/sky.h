@@ -1,7 +1,9 @@
 // Objects in the sky besides the Moon: stars, the Sun, the Earth, planets.
 #pragma once
 
+#include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -22,6 +24,13 @@ struct EarthMap {
   std::shared_ptr<const dem::ValueMap> content;  // null: none
 };
 
+// State of a body relative to the Moon's centre, ICRF axes, as spkezr of SPICE has it with the correction "LT": the
+// Moon at the epoch, the body when the light left that reaches the Moon's centre then.
+struct BodyState {
+  Vec3 position_m = Vec3::Zero(), velocity_m_s = Vec3::Zero();
+};
+using BodyStates = std::map<std::string, BodyState, std::less<>>;  // by the names of /v1/sky: "sun", "earth", "venus"
+
 struct SkyOptions {
   std::string utc;                             // epoch
   std::shared_ptr<const StarCatalogue> stars;  // null: none
@@ -31,6 +40,7 @@ struct SkyOptions {
   // Velocity of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes
   // of MOON_ME: for aberration.
   Vec3 velocity_m_s = Vec3::Zero();
+  BodyStates states;  // of an ephemeris; bodies without one have the theories of SkyObserver
   bool any() const { return stars || sun || earth || planets; }
 };
 

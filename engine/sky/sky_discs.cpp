@@ -500,7 +500,8 @@ void add_discs(const FrameRequest& request, std::span<const double> range_m, con
   FrameRequest discs_only = request;
   discs_only.sky->stars.reset();
   discs_only.sky->planets = false;
-  const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
+  const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s,
+                             request.sky->states);
   const EarthFigure earth(observer);
   for (const SkyObject& object : sky_around(discs_only, views, 0, context.stop)) {
     if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening, earth), radiance);

@@ -84,7 +84,7 @@ class SkyFinder {
         views_(views),
         margin_px_(margin_px),
         wants_positions_(wants_positions),
-        observer_(options_.utc, views.reference().position(), options_.velocity_m_s),
+        observer_(options_.utc, views.reference().position(), options_.velocity_m_s, options_.states),
         light_(request) {}
 
   std::vector<SkyObject> find_all(const StopToken& stop) const {
@@ -217,7 +217,8 @@ std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowVie
 }
 
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
-  return EarthFigure(SkyObserver(request.sky->utc, views.reference().position(), request.sky->velocity_m_s));
+  const SkyOptions& sky = *request.sky;
+  return EarthFigure(SkyObserver(sky.utc, views.reference().position(), sky.velocity_m_s, sky.states));
 }
 
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,

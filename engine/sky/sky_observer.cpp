@@ -89,18 +89,21 @@ struct SkyObserver::Astrometry {
   }
 };
 
-SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s)
+SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s, BodyStates states)
     : date_(tt_at(utc)),
       moon_me_from_icrf_(engine::moon_me_from_icrf(utc)),
       years_(((date_.day - ERFA_DJ00) + date_.fraction) / ERFA_DJY),
+      states_(std::move(states)),
+      from_moon_m_(moon_me_from_icrf_.transpose() * position_m),
       astrometry_(std::make_unique<Astrometry>()) {
   const EarthMotion earth = earth_motion(date_);
   ErfaMotion moon_rows;
   eraMoon98(date_.day, date_.fraction, moon_rows.rows);
   const PositionVelocity moon = moon_rows.matrix();
   PositionVelocity observer;
-  observer.row(0) = ERFA_DAU * moon.row(0) + (moon_me_from_icrf_.transpose() * position_m).transpose();
+  observer.row(0) = ERFA_DAU * moon.row(0) + from_moon_m_.transpose();
   observer.row(1) = ERFA_DAU / ERFA_DAYSEC * moon.row(1) + (moon_me_from_icrf_.transpose() * velocity_m_s).transpose();
+  moon_velocity_m_s_ = ERFA_DAU / ERFA_DAYSEC * (earth.from_barycentre.row(1) + moon.row(1)).transpose();
   Vec3 from_sun = earth.from_sun.row(0).transpose();
   ErfaMotion observer_rows(observer), earth_rows(earth.from_barycentre);
   eraApcs(date_.day, date_.fraction, observer_rows.rows, earth_rows.rows, from_sun.data(), &astrometry_->context);
@@ -143,13 +146,39 @@ Eigen::Matrix3d SkyObserver::earth_from_icrf(double distance_m) const {
   return rotation.matrix();
 }
 
+// Returns the vector from the observer to a body, au, when the light left that arrives; empty without a state of it.
+// The light to the observer leaves earlier than that to the Moon's centre if its way is longer.
+std::optional<Vec3> SkyObserver::from_observer_by_state(std::string_view name) const {
+  const auto found = states_.find(name);
+  if (found == states_.end()) return std::nullopt;
+  const auto& [position_m, velocity_m_s] = found->second;
+  const Vec3 offset_m = position_m - from_moon_m_;
+  const double earlier_s = (offset_m.norm() - position_m.norm()) / ERFA_CMPS;
+  return (offset_m - earlier_s * (velocity_m_s + moon_velocity_m_s_)) / ERFA_DAU;
+}
+
+ApparentBody SkyObserver::planet_by_state(const Vec3& from_observer_au) const {
+  const Vec3 sun =
+      earth_motion(date_, from_observer_au.norm() * kLightDaysPerAu).sun_from_barycentre() - astrometry_->position();
+  ApparentBody body = body_at(from_observer_au, from_observer_au - sun);
+  const eraASTROM& context = astrometry_->context;
+  constexpr double kMinDeflectionAngle = 1e-6;  // as eraLdsun
+  Vec3 natural;
+  eraLd(1, body.from_observer.data(), body.from_sun.data(), const_cast<double*>(context.eh), context.em,
+        kMinDeflectionAngle, natural.data());
+  body.direction = astrometry_->aberrated(natural);
+  return body;
+}
+
 ApparentBody SkyObserver::sun() const {
+  if (const auto from_observer = from_observer_by_state("sun")) return body_at(*from_observer, Vec3::Zero());
   const Vec3 position = at_departure(astrometry_->position(),
                                      [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });
   return body_at(position - astrometry_->position(), Vec3::Zero());
 }
 
 ApparentBody SkyObserver::planet(Planet planet) const {
+  if (const auto from_observer = from_observer_by_state(planet_name(planet))) return planet_by_state(*from_observer);
   Vec3 from_sun;
   // One pass suffices for planets: the error of the light time then moves them by at most 0.01 arcsec, and VSOP87 takes
   // 0.15 ms per evaluation.

@@ -3,10 +3,12 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
+#include "engine/frame/sky.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/star_catalogue.h"
 
@@ -31,12 +33,16 @@ struct ApparentBody {
 // budget). Those of the other planets are VSOP87's (Bretagnon & Francou, A&A 202, 309, 1988), evaluated by libnova.
 // Seen from the Moon in 1960 to 2099 they are within 0.1 arcsec (Mercury), 0.2 (Venus), 0.5 (Mars, Jupiter, Saturn), 2
 // (Uranus) and 3 (Neptune) of JPL's DE431 (unit.sky). Directions of stars agree with astropy to 0.001 arcsec.
-// Directions in MOON_ME have the additional error of the Moon's rotation, 0.01 degrees; those in ICRF axes do not.
+// The Moon's 31.7 km are 17 arcsec of the Earth seen from it. Directions in MOON_ME have the additional error of the
+// Moon's rotation, 0.01 degrees; those in ICRF axes do not.
+//
+// Bodies with a BodyState have the state's accuracy instead, to 0.001 arcsec: light time to the observer, aberration,
+// and the Sun's deflection of the light of planets are added to it.
 class SkyObserver {
  public:
   // `position_m`, `velocity_m_s`: relative to the Moon's centre along axes of MOON_ME; the velocity is inertial, so it
   // excludes the Moon's rotation. Throws ImpossibleRequest for a bad epoch.
-  SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s);
+  SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s, BodyStates states = {});
   ~SkyObserver();
   SkyObserver(const SkyObserver&) = delete;
   SkyObserver& operator=(const SkyObserver&) = delete;
@@ -61,10 +67,14 @@ class SkyObserver {
  private:
   struct Astrometry;  // wraps ERFA's context
   ApparentBody body_at(const Vec3& from_observer_au, const Vec3& from_sun_au) const;
+  std::optional<Vec3> from_observer_by_state(std::string_view name) const;
+  ApparentBody planet_by_state(const Vec3& from_observer_au) const;
 
   JulianDate date_;
   Eigen::Matrix3d moon_me_from_icrf_;
   double years_;
+  BodyStates states_;
+  Vec3 from_moon_m_, moon_velocity_m_s_;  // of the observer; of the Moon, barycentric. ICRF axes
   std::unique_ptr<Astrometry> astrometry_;
 };
 

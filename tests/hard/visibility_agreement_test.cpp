@@ -116,11 +116,7 @@ engine::Camera by_lines_of_sight(const engine::Camera& camera) {
           projection.direction((camera.width - 1.0) * i / (kNodes - 1), (camera.height - 1.0) * j / (kNodes - 1))
               .value());
   engine::Camera table{camera.width, camera.height};
-  table.sights = std::make_shared<engine::SightTable>("table", kNodes, kNodes, directions, "table.tif");
-  table.fx = table.sights->focal_px(0, camera.width);
-  table.fy = table.sights->focal_px(1, camera.height);
-  table.cx = table.sights->centre_px(0, camera.width);
-  table.cy = table.sights->centre_px(1, camera.height);
+  set_sights(std::make_shared<engine::SightTable>("table", kNodes, kNodes, directions, "table.tif"), table);
   return table;
 }
 

@@ -603,6 +603,36 @@ class FromATrajectory(Batch):
             self.assertTrue(service.frame(request, "application/x-npz")[2] == read("out", f"{i + 1:06}.npz"))
         service.expect_clean_stop()
 
+    def test_files_become_manifests(self):
+        """A CSV file, and CCSDS messages of a place with a camera that turns by 90 degrees about its boresight."""
+        harness.write("common.json", json.dumps(
+            {"camera": {"width": 16, "height": 12, "fov_deg": 40.0}, "sun": {"direction": [1, 1, 0.2]}, "products": ["range"]}))
+        half = math.sqrt(0.5)
+        files = {"place.csv": "time_s,x_m,y_m,z_m,up_azimuth_deg\n0,1.5215e6,8.785e5,0,0\n10,1.5216e6,8.786e5,0,0\n",
+                 "place.oem": "CCSDS_OEM_VERS = 2.0\nMETA_START\nCENTER_NAME = MOON\nREF_FRAME = MOON_ME\n"
+                              "TIME_SYSTEM = UTC\nMETA_STOP\n2026-11-20T00:00:00 1521.5 878.5 0 0.01 0.01 0\n"
+                              "2026-11-20T00:00:10 1521.6 878.6 0 0.01 0.01 0\n",
+                 "turn.aem": "CCSDS_AEM_VERS = 1.0\nMETA_START\nREF_FRAME_A = MOON_ME\nREF_FRAME_B = SC_BODY_1\n"
+                             "ATTITUDE_DIR = A2B\nTIME_SYSTEM = UTC\nATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\n"
+                             "META_STOP\nDATA_START\n2026-11-20T00:00:00 0 0 0 1\n"
+                             f"2026-11-20T00:00:10 0 0 {half} {half}\nDATA_STOP\n"}
+        for name, text in files.items():
+            harness.write(name, text)
+        for name, options in (("place.csv", ()), ("place.oem", ("--aem", harness.path("turn.aem")))):
+            path = harness.path("from_file.jsonl")
+            done = subprocess.run(
+                [sys.executable, "-m", "selenograph", "manifest", harness.path(name), *options, "--request",
+                 harness.path("common.json"), "--step-s", "5", "-o", path], capture_output=True, text=True,
+                timeout=PATIENCE_S, env={**os.environ, "PYTHONPATH": os.path.join(REPOSITORY, "api", "clients", "python")})
+            self.assertEqual((done.returncode, done.stdout + done.stderr), (0, ""))
+            self.remove("out")
+            self.assert_status(batch(path, "out"), DONE)
+            self.assertEqual(sorted(contents("out", ".npz")), ["000001.npz", "000002.npz", "000003.npz"])
+            pose = harness.meta_of(read("out", "000002.npz"))["request"]["pose"]
+            self.assertAlmostEqual(pose["position_m"][0], 1521550, 6)
+            if options:
+                self.assertAlmostEqual(pose["camera_from_moon"]["z"], -math.sin(math.pi / 8), 12)  # the axes turn by +45 degrees
+
 
 if __name__ == "__main__":
     harness.main()

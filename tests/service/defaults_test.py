@@ -41,7 +41,7 @@ BODIES = {
         dict(FRAME, detail="highlands", craters={}),
         dict(FRAME, detail="highlands", labels=True, products=["radiance"]),
         dict(FRAME, indirect={}),
-        dict(FRAME, sky={"utc": "2026-11-20T00:00:00Z"}),
+        dict(FRAME, sky={"utc": "2026-11-20T00:00:00Z", "states": {}}),
         dict(FRAME, indirect={"terrain": True, "earth": {"sub_earth": {"lat_deg": 0.0, "lon_deg": 0.0}}}),
         *(dict(FRAME, surface={"reflectance": {"model": model}}) for model in (
             "lambert", "lommel_seeliger", "blinn_phong", "lunar_lambert", "hapke")),

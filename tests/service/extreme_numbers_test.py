@@ -20,6 +20,7 @@ SEVERAL = int(os.environ.get("EXTREME_SEVERAL", "2"))  # requests of each docume
 DENORMAL, NORMAL, LARGEST = 5e-324, 2.3e-308, 1.7976931348623157e308
 PLACE = {"lat_deg": 0.1, "lon_deg": 30.1}
 HIGH = {**PLACE, "height_m": 20000.0}
+SUN_M = [-8.02519e10, -1.141109e11, -4.94833e10]  # from the Moon at the epoch of the sky below
 NADIR = {"geodetic": HIGH, "nadir": {"up_azimuth_deg": 10.0}}
 SENSOR = {
     "optics": {"f_number": 4.0, "point_spread": {"model": "airy"}, "vignetting": {"model": "table", "table": [[5.0, 0.9], [20.0, 0.5]]}},
@@ -80,7 +81,8 @@ def frames():
                 pose={"geodetic": {**PLACE, "height_m": 9000.0}, "nadir": {"up_azimuth_deg": 0.0}})
     yield small(("radiance", "flow"), flow_to={**NADIR, "geodetic": {**HIGH, "lat_deg": 0.2}})
     yield small(sky={"utc": "2026-11-20T00:00:00Z", "stars": "bright", "magnitude_limit": 3.0, "sun": True, "earth": True,
-                     "planets": True, "velocity_m_s": [0.0, 100.0, 0.0]})
+                     "planets": True, "velocity_m_s": [0.0, 100.0, 0.0], "states": {"sun": {
+                         "position_m": SUN_M, "velocity_m_s": [25000.0, 14000.0, 6000.0]}}})
     thing = {"mesh": "satellite", "scale": 2.0, "material": {"temperature_k": 200.0},
              "pose": {"geodetic": {**PLACE, "height_m": 19900.0}, "upright": {"azimuth_deg": 30.0}}}
     yield small(objects=[thing])

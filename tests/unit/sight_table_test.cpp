@@ -31,11 +31,7 @@ std::vector<Vec3> directions_of(const Camera& camera, int columns, int rows) {
 
 Camera table_camera(int columns, int rows, const std::vector<Vec3>& directions) {
   Camera camera{321, 257};
-  camera.sights = std::make_shared<SightTable>("name", columns, rows, directions, "name.tif");
-  camera.fx = camera.sights->focal_px(0, camera.width);
-  camera.fy = camera.sights->focal_px(1, camera.height);
-  camera.cx = camera.sights->centre_px(0, camera.width);
-  camera.cy = camera.sights->centre_px(1, camera.height);
+  set_sights(std::make_shared<SightTable>("name", columns, rows, directions, "name.tif"), camera);
   return camera;
 }
 

@@ -150,6 +150,33 @@ TEST(SkyObserver, SeesTheEarthFromWhereItIs) {
               std::atan(1e8 / from_centre.distance_m), 5e-6);  // 0.04 s more of light are 1.3 km of the Earth's way
 }
 
+// States of the theories themselves, at the Moon's centre: from 100 000 km beside it they lead to the theories' places.
+// Without the light time to there they would not.
+TEST(SkyObserver, TakesStatesInPlaceOfItsTheories) {
+  const std::string utc = "2026-11-25T00:01:00Z", before = "2026-11-25T00:00:00Z", after = "2026-11-25T00:02:00Z";
+  const auto offset_m = [](const std::string& at, Planet planet) -> Vec3 {
+    const ApparentBody body = SkyObserver(at, Vec3::Zero(), Vec3::Zero()).planet(planet);
+    return body.distance_m * body.from_observer;
+  };
+  const Vec3 aside(3e7, -8e7, 5e7);
+  const SkyObserver theories(utc, aside, Vec3::Zero());
+  for (const Planet planet : {Planet::venus, Planet::mars, Planet::earth}) {
+    const std::string name(planet_name(planet));
+    BodyState state{offset_m(utc, planet), (offset_m(after, planet) - offset_m(before, planet)) / 120};
+    const ApparentBody expected = theories.planet(planet),
+                       found = SkyObserver(utc, aside, Vec3::Zero(), {{name, state}}).planet(planet);
+    EXPECT_LT(angle_between(found.from_observer, expected.from_observer), 0.002 * kArcsec) << name;
+    EXPECT_NEAR(found.distance_m / expected.distance_m, 1, 1e-8) << name;
+    EXPECT_NEAR(found.phase_deg, expected.phase_deg, 1e-6) << name;
+    const Vec3 without_light_time = state.position_m - theories.moon_me_from_icrf().transpose() * aside;
+    EXPECT_GT(angle_between(without_light_time, expected.from_observer), 0.004 * kArcsec) << name;
+    state.velocity_m_s.setZero();
+    state.position_m += 1e-4 * state.position_m.norm() * state.position_m.cross(Vec3::UnitZ()).normalized();
+    const ApparentBody moved = SkyObserver(utc, aside, Vec3::Zero(), {{name, state}}).planet(planet);
+    EXPECT_GT(angle_between(moved.direction, expected.direction), 10 * kArcsec) << name;
+  }
+}
+
 // Mallama & Hilton (2018): the values of their test files.
 TEST(Magnitudes, AreThoseOfMallamaAndHilton) {
   const struct {

@@ -5,6 +5,7 @@ Needs NumPy, jplephem and astropy (deploy/install-packages test); skipped withou
 """
 
 import importlib.util
+import json
 import math
 import os
 import re
@@ -29,6 +30,7 @@ from selenograph.rotations import matrix_of  # noqa: E402
 SERVICE = None
 START = "2026-11-20T00:00:00Z"
 ET = 848404869.18  # of START, to a hundredth of a second
+AT = et_of(START)
 SPAN = (ET - 4000, ET + 4000)
 SPACECRAFT = -85
 SIDEREAL_RAD_S = 2 * math.pi / (27.321661 * 86400)
@@ -281,6 +283,107 @@ class Directions(WithKernels):
             self.assertLess(error, 0.001 * ARCSEC, name)
 
 
+class Skies(WithKernels):
+    """An ephemeris of its own: astropy's, with each body 0.4 % of its distance aside. None of the client's code or the
+    service's theories finds where bodies appear."""
+
+    BODIES = {"sun": 10, "earth": 399, "mercury": 199, "venus": 299, "mars": 4, "jupiter": 599, "saturn": 6, "uranus": 7,
+              "neptune": 899}
+    POSITION_M, VELOCITY_M_S = np.array([1.1e6, -1.4e6, 0.9e6]), np.array([900.0, 1100.0, -600.0])  # ICRF
+    LIGHT_SPAN = (ET - 20000, ET + 1000)  # Neptune's light takes four hours
+
+    @classmethod
+    def setUpClass(cls):
+        from astropy.coordinates import get_body_barycentric
+        from astropy.time import Time
+
+        def of_astropy(body, et):
+            return 1e3 * get_body_barycentric(body, Time(2451545, et / 86400, format="jd", scale="tdb"),
+                                              "builtin").xyz.to_value("km")
+
+        def aside(body):
+            away = of_astropy(body, AT) - of_astropy("moon", AT)
+            return 0.004 * np.linalg.norm(away) * np.cross(away, [0.3, 0.5, 0.8]) / np.linalg.norm(np.cross(away, [0.3, 0.5, 0.8]))
+
+        cls.m = {body: lambda et, body=body, aside_m=aside(body): of_astropy(body, et) + aside_m for body in cls.BODIES}
+        cls.m["moon"] = lambda et: of_astropy("moon", et)
+
+    def ephemeris(self, name="sky.bsp", without=()):
+        codes = {**self.BODIES, "moon": 301}
+        return written.write_daf(harness.path(name), "SPK", [
+            written.spk_chebyshev(codes[body], 0, lambda et, f=f: 1e-3 * f(et), *self.LIGHT_SPAN)
+            for body, f in self.m.items() if body not in without])
+
+    def apparent(self, body):
+        """Light time and aberration from the camera, the Sun's deflection: Explanatory Supplement (2013), 7.40, 7.63."""
+        eye = self.m["moon"](AT) + self.POSITION_M
+        seconds = 0.0
+        for _ in range(6):
+            way = self.m[body](AT - seconds) - eye
+            seconds = np.linalg.norm(way) / LIGHT_M_S
+        n = way / np.linalg.norm(way)
+        if body not in ("sun", "earth"):
+            from_sun = eye - self.sun_m(AT)
+            e, q = from_sun / np.linalg.norm(from_sun), way + eye - self.sun_m(AT - seconds)
+            q = q / np.linalg.norm(q)
+            n = n + 2 * 1476.625 / np.linalg.norm(from_sun) / (1 + q @ e) * ((n @ q) * e - (e @ n) * q)
+        beta = ((self.m["moon"](AT + 100) - self.m["moon"](AT - 100)) / 200 + self.VELOCITY_M_S) / LIGHT_M_S
+        seen = math.sqrt(1 - beta @ beta) * n + (1 + n @ beta / (1 + math.sqrt(1 - beta @ beta))) * beta
+        return seen / np.linalg.norm(seen)
+
+    def sun_m(self, et):
+        """The Sun whose mass deflects: the service's, not the one that is set aside."""
+        return self.m["sun"](et) - (self.m["sun"](AT) - self.plain_sun_m)
+
+    def request(self, **sky):
+        return {"camera": {"model": "fisheye", "width": 512, "height": 512, "fov_deg": 350}, "utc": START,
+                "pose": {"frame": "ICRF", "position_m": self.POSITION_M.tolist(),
+                         "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}},
+                "sky": {"sun": True, "earth": True, "planets": True, "velocity_m_s": self.VELOCITY_M_S.tolist(),
+                        "velocity_frame": "ICRF", **sky}}
+
+    def asked(self, **sky):
+        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+            answer = client.sky(self.request(**sky))
+        return dict(zip(answer.id, answer.direction_icrf))
+
+    def test_the_sky_is_the_kernels_to_a_milliarcsecond(self):
+        from astropy.coordinates import get_body_barycentric
+        from astropy.time import Time
+        self.plain_sun_m = 1e3 * get_body_barycentric(
+            "sun", Time(2451545, AT / 86400, format="jd", scale="tdb"), "builtin").xyz.to_value("km")
+        states = self.kernels(self.ephemeris()).sky_states(START)
+        self.assertEqual(set(states), set(self.BODIES))
+        found, plain = self.asked(states=states), self.asked()
+        for body in self.BODIES:
+            expected = self.apparent(body)
+            error = np.linalg.norm(np.cross(expected, found[body])) / ARCSEC
+            self.assertLess(error, 0.001, body)
+            self.assertGreater(np.linalg.norm(np.cross(expected, plain[body])) / ARCSEC, 800, body)
+
+    def test_bodies_without_a_state_have_the_services_theory(self):
+        kernels = self.kernels(self.ephemeris("few.bsp", without=("venus", "earth")))
+        states = kernels.sky_states(START)
+        self.assertEqual(set(self.BODIES) - set(states), {"venus", "earth"})
+        found, plain = self.asked(states=states), self.asked()
+        for body in self.BODIES:
+            self.assertEqual((found[body] == plain[body]).all(), body in ("venus", "earth"), body)
+        self.assertEqual(set(kernels.sky_states(START, ["mars"])), {"mars"})
+        for bodies, words in ((["venus"], "no kernel has the position of 2 relative to 0"), (["pluto"], "'pluto' is not a body")):
+            with self.assertRaisesRegex(ValueError, words):
+                kernels.sky_states(START, bodies)
+
+    def test_trajectories_bring_the_sky(self):
+        kernels = self.kernels(lander(), self.ephemeris(), orientation())
+        trajectory = Trajectory.from_spk(kernels, SPACECRAFT, start=START, stop="2026-11-20T00:01:00Z", step_s=60,
+                                         up_azimuth_deg=0)
+        for request in trajectory.requests({"sky": {"planets": True}}):
+            self.assertEqual(request["sky"]["states"], {
+                body: state for body, state in kernels.sky_states(request["sky"]["utc"]).items() if body != "sun"})
+        self.assertEqual(set(trajectory.requests({"sky": {"sun": True}})[0]["sky"]["states"]), {"sun", "earth"})
+        self.assertEqual(trajectory.requests({"sky": {"utc": START}})[0]["sky"], {"utc": START})
+
+
 class Trajectories(WithKernels):
     SPAN = {"start": START, "stop": "2026-11-20T00:10:00Z", "step_s": 60}
 
@@ -362,20 +465,29 @@ DATA_STOP
         self.assertLess(abs(np.linalg.norm(page["requests"][300]["pose"]["position_m"]) - 1837400), 0.1)
         self.assertGreater(page["requests"][0]["indirect"]["earth"]["distance_m"], 3e8)
 
-    def test_the_command(self):
-        out = harness.path("watched")
+    def command(self, name, *more):
         done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-m", "selenograph", "watch", lander(), "--kernel", planets(), "--kernel",
+            [sys.executable, "-W", "ignore", "-m", "selenograph", name, lander(), "--kernel", planets(), "--kernel",
              orientation(), "--spacecraft", str(SPACECRAFT), "--start", START, "--stop", self.SPAN["stop"], "--step-s", "300",
-             "--out", out, "--url", f"http://{SERVICE.host}:{SERVICE.port}"],
-            capture_output=True, text=True, timeout=harness.PATIENCE_S,
+             *more], capture_output=True, text=True, timeout=harness.PATIENCE_S,
             env={**os.environ, "PYTHONPATH": os.path.join(REPOSITORY, "api", "clients", "python")})
         self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def test_the_commands(self):
+        out = harness.path("watched")
+        self.command("watch", "--out", out, "--url", f"http://{SERVICE.host}:{SERVICE.port}")
         self.assertEqual(sorted(os.listdir(out)), ["00000.npz", "00001.npz", "00002.npz"])
         for i in range(3):
             with open(os.path.join(out, f"0000{i}.npz"), "rb") as file:
                 pose = harness.meta_of(file.read())["request"]["pose"]
             self.assertAlmostEqual(np.linalg.norm(pose["position_m"]), 1837400, delta=0.1)
+        lines = self.command("manifest").splitlines()
+        self.assertEqual(len(lines), 3)
+        for i, line in enumerate(lines):
+            et, pose = et_of(START) + 300 * i, json.loads(line)["pose"]
+            self.assertEqual(pose["frame"], "MOON_PA_DE440")
+            np.testing.assert_allclose(pose["position_m"], moon_axes(et) @ (1e3 * circle(et)[0]), atol=0.02)
 
 
 if __name__ == "__main__":

@@ -203,11 +203,7 @@ void set_lines_of_sight(const JsonReader& in, const Named<engine::SightTable>& s
   for (const auto& [member, side] : {std::pair("width", camera.width), {"height", camera.height}})
     if (side < 2) in.fail(member, "must be at least 2 with lines_of_sight, which go from the first pixel to the last");
   if (camera.width < 2 || camera.height < 2) return;
-  camera.sights = sights.content;
-  camera.fx = sights.content->focal_px(0, camera.width);
-  camera.fy = sights.content->focal_px(1, camera.height);
-  camera.cx = sights.content->centre_px(0, camera.width);
-  camera.cy = sights.content->centre_px(1, camera.height);
+  set_sights(sights.content, camera);
 }
 
 std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& form, const ReadContext&) {

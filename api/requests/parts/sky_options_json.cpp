@@ -7,11 +7,14 @@
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
 #include "dem/base/error.h"
+#include "engine/sky/sky_observer.h"
 #include "engine/sky/star_catalogue.h"
 
 namespace selenograph::api {
 namespace {
 
+using engine::BodyState;
+using engine::BodyStates;
 using engine::SkyOptions;
 using engine::StarCatalogue;
 
@@ -37,6 +40,71 @@ struct Stars {
   }
 };
 
+const Members<BodyState>& body_state_members() {
+  static const auto table = make_table<Members<BodyState>>(
+      "BodyState",
+      "State of a body's centre relative to the Moon's, ICRF axes, as SPICE's spkezr has it with the correction "
+      "\"LT\", "
+      "in metres: the Moon at the epoch, the body when the light left that reaches the Moon's centre then.",
+      [](auto& m) {
+        m.add("position_m", &BodyState::position_m, Vector{kAnyNumber, "m"},
+              "position of the body; within 1 % of its distance from where the service has it")
+            .required();
+        m.add("velocity_m_s", &BodyState::velocity_m_s, kVelocity_m_s,
+              "velocity of the body: the light that reaches the camera left a little earlier or later than that to the "
+              "Moon's centre")
+            .required();
+      });
+  return *table;
+}
+
+// Returns the row of a body in "states".
+auto state_of(std::string_view body) {
+  return Property{[body](const BodyStates& states) {
+                    const auto found = states.find(body);
+                    return found == states.end() ? std::nullopt : std::optional(found->second);
+                  },
+                  [body](BodyStates& states, const BodyState& state) { states.emplace(body, state); }};
+}
+
+const Members<BodyStates>& body_states_members() {
+  static const auto table = make_table<Members<BodyStates>>(
+      "BodyStates", "States of the Sun, the Earth and planets from an ephemeris.", [](auto& m) {
+        const auto add = [&m](std::string_view body, const char* meaning) {
+          m.add(body, state_of(body), Object{body_state_members()}, meaning);
+        };
+        add("sun", "the Sun's");
+        add("earth", "the Earth's; it counts also where the Earth only hides other objects");
+        for (const engine::Planet planet : engine::other_planets()) add(planet_name(planet), "the planet's");
+      });
+  return *table;
+}
+
+// Reports states that nothing uses, and those that are far from where the service has the body: in kilometres, say, or
+// relative to the Earth.
+void check_states(const JsonReader& in, const SkyOptions& options) {
+  const engine::SkyObserver moon(options.utc, Vec3::Zero(), Vec3::Zero());
+  const auto check = [&](std::string_view name, bool is_used, const char* flag, const auto& theory) {
+    const auto found = options.states.find(name);
+    if (found == options.states.end()) return;
+    if (!is_used) in.at("states").fail(name, fmt::format("requires \"{}\": true", flag));
+    const engine::ApparentBody body = theory();
+    constexpr double kMaxDifference = 0.01;
+    const double difference =
+        (found->second.position_m - body.distance_m * body.from_observer).norm() / body.distance_m;
+    if (difference > kMaxDifference)
+      in.at("states").at(name).fail(
+          "position_m",
+          fmt::format("is {:.3g} times the body's distance away from where the service has it at the epoch; "
+                      "expected metres from the Moon's centre, ICRF axes",
+                      difference));
+  };
+  check("sun", options.sun, "sun", [&] { return moon.sun(); });
+  check("earth", true, "earth", [&] { return moon.planet(engine::Planet::earth); });
+  for (const engine::Planet planet : engine::other_planets())
+    check(planet_name(planet), options.planets, "planets", [&] { return moon.planet(planet); });
+}
+
 // Returns the options with their epoch, the sky's own or the Sun's, and with the velocity in MOON_ME.
 std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form, const ReadContext& context) {
   SkyOptions options = form.options;
@@ -50,6 +118,7 @@ std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form,
       in.fail("needs an epoch: \"utc\" or \"et_s\" here, or of the Sun");
       return std::nullopt;
     }
+    if (!options.states.empty()) check_states(in, options);
     const Eigen::Matrix3d moon_me_from_icrf = engine::moon_me_from_icrf(options.utc);
     if (form.velocity_m_s)
       options.velocity_m_s =
@@ -94,6 +163,9 @@ const Members<SkyForm, SkyOptions>& sky_members() {
               "georeferencing, by geodetic latitude: it modulates the brightness of the disc in frames, and the whole "
               "keeps its magnitude; left out: a uniform Earth");
         m.add("planets", nested(&SkyForm::options, &SkyOptions::planets), Flag{}, "the seven other planets, as points");
+        m.add("states", nested(&SkyForm::options, &SkyOptions::states), Object{body_states_members()},
+              "where an ephemeris of yours has bodies, instead of the service's theories: to 0.001 arcsec in "
+              "direction_icrf. The Python client takes them from SPICE kernels (`Kernels.sky_states`)");
         m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
               "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "
               "1.5 km/s move the stars by 1 arcsec. Left out: that of the Moon");

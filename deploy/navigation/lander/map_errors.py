@@ -17,6 +17,7 @@ from .filter import MapError
 from .map import Map, level_requests, levels_of
 
 PLANNERS_SEEDS = (9001, 9002, 9003)  # of the maps that the planners rehearse with
+LOW_M = 3000  # altitude below which the figures have a NEES of their own
 SHIFT_LENGTH_M = 100e3  # a shift does not change over a descent: the longest distance that a rehearsal fits
 
 
@@ -127,9 +128,11 @@ def _figures(folder, error):
         return consistency.column(runs, list(flight.COLUMNS), name)
 
     end_m, begun = of("position_error_m")[:, -1], consistency.acquired(runs, list(flight.COLUMNS))
+    is_low = of("altitude_m")[0] < LOW_M
     low, high = consistency.nees_bounds(len(runs))
     return {"flights": len(runs), "end_rms_m": float(consistency.rms(end_m)), "end_largest_m": float(end_m.max()),
             "end_sigma_m": float(of("position_sigma_m")[:, -1].mean()),
             **{f"{what}_nees": float(of(f"{what}_nees")[begun].mean()) for what in ("position", "velocity", "attitude")},
+            "low_position_nees": float(of("position_nees")[:, is_low].mean()),
             "end_position_nees": float(of("position_nees")[:, -1].mean()), "nees_bounds": [float(low), float(high)],
             "matches": float(of("matches")[begun].mean()), "bias_sigma_m": float(error.sigmas_m.max())}

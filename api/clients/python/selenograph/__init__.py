@@ -20,6 +20,7 @@ This folder is the whole client: it can be copied beside a script. It needs Pyth
 
     python3 -m selenograph render request.json frame.npz
     python3 -m selenograph watch trajectory.csv --out frames
+    python3 -m selenograph manifest trajectory.csv -o trajectory.jsonl
 """
 
 from .answers import Answer, Frame, Scan

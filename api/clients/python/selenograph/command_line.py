@@ -1,4 +1,4 @@
-"""The command line: render and watch."""
+"""The command line: render, watch and manifest."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="command")
     _add_render(commands, common)
     _add_watch(commands, common)
+    _add_manifest(commands)
     return parser
 
 
@@ -69,26 +70,38 @@ def _add_render(commands: Any, common: argparse.ArgumentParser) -> None:
 
 def _add_watch(commands: Any, common: argparse.ArgumentParser) -> None:
     watch = commands.add_parser("watch", parents=[common], help="Render a frame for each pose of a trajectory")
-    watch.add_argument("trajectory", help=".csv (Trajectory.from_csv lists its columns), a CCSDS OEM as text (KVN), or "
-                       "a SPICE SPK, .bsp")
-    watch.add_argument("--kernel", action="append", default=[], metavar="FILE", help="another SPICE kernel, for an SPK "
-                       "or an OEM in ICRF: a planetary ephemeris, a binary PCK of the Moon's orientation; repeatable")
-    watch.add_argument("--spacecraft", type=int, metavar="CODE", help="NAIF's code of the spacecraft in an SPK")
-    watch.add_argument("--start", metavar="UTC", help="first epoch of an SPK's poses, with --stop and --step-s")
-    watch.add_argument("--stop", metavar="UTC", help="last epoch")
-    watch.add_argument("--aem", help="CCSDS AEM as text: the attitudes of an OEM's or an SPK's positions")
-    watch.add_argument("--up-azimuth-deg", type=float, default=0.0,
-                       help="azimuth that is up in the image, without AEM: the camera looks at nadir "
-                       "(default: 0)")
+    _add_trajectory(watch)
     watch.add_argument("--out", required=True, metavar="DIR", help="folder for the frames, 00000.npz and so on")
-    watch.add_argument("--request", help="JSON file with what all frames have in common; its pose is not used "
-                       "(default: a camera of 512 x 512 pixels and 50 degrees, the Sun of the epoch)")
     watch.add_argument("--format", default="npz", choices=[suffix[1:] for suffix in MEDIA_TYPES],
                        help="format of the files (default: %(default)s)")
-    watch.add_argument("--step-s", type=float, help="time between frames (default: the trajectory's own times)")
     watch.add_argument("--in-flight", type=int, default=2, help="number of requests in flight (default: %(default)s)")
     watch.add_argument("--ahead", type=int, default=4, help="poses sent in advance (default: %(default)s)")
     watch.set_defaults(run=_watch)
+
+
+def _add_manifest(commands: Any) -> None:
+    manifest = commands.add_parser("manifest", help="Write a trajectory as a manifest for `selenograph batch`")
+    _add_trajectory(manifest)
+    manifest.add_argument("-o", "--output", default="-", help="JSON Lines file to write (default: standard output)")
+    manifest.set_defaults(run=_manifest, format="npz")
+
+
+def _add_trajectory(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of a trajectory and of the request that its frames have in common."""
+    parser.add_argument("trajectory", help=".csv (Trajectory.from_csv lists its columns), a CCSDS OEM as text (KVN), or "
+                       "a SPICE SPK, .bsp")
+    parser.add_argument("--kernel", action="append", default=[], metavar="FILE", help="another SPICE kernel, for an SPK "
+                       "or an OEM in ICRF: a planetary ephemeris, a binary PCK of the Moon's orientation; repeatable")
+    parser.add_argument("--spacecraft", type=int, metavar="CODE", help="NAIF's code of the spacecraft in an SPK")
+    parser.add_argument("--start", metavar="UTC", help="first epoch of an SPK's poses, with --stop and --step-s")
+    parser.add_argument("--stop", metavar="UTC", help="last epoch")
+    parser.add_argument("--aem", help="CCSDS AEM as text: the attitudes of an OEM's or an SPK's positions")
+    parser.add_argument("--up-azimuth-deg", type=float, default=0.0,
+                       help="azimuth that is up in the image, without AEM: the camera looks at nadir "
+                       "(default: 0)")
+    parser.add_argument("--request", help="JSON file with what all frames have in common; its pose is not used "
+                       "(default: a camera of 512 x 512 pixels and 50 degrees, the Sun of the epoch)")
+    parser.add_argument("--step-s", type=float, help="time between frames (default: the trajectory's own times)")
 
 
 def _render(options: argparse.Namespace) -> None:
@@ -101,8 +114,7 @@ def _render(options: argparse.Namespace) -> None:
 
 
 def _watch(options: argparse.Namespace) -> None:
-    trajectory = _read_trajectory(options)
-    times = trajectory.times_s if options.step_s is None else _steps(trajectory.times_s, options.step_s)
+    trajectory, times = _read_times(options)
     requests = trajectory.requests(_common_request(options, trajectory), times)
     os.makedirs(options.out, exist_ok=True)
     media_type = MEDIA_TYPES["." + options.format]
@@ -114,6 +126,24 @@ def _watch(options: argparse.Namespace) -> None:
             _write(path, answer)
             print(f"{path}  t = {time_s:.3f} s  ms: {_stages(answer.timing)}", flush=True)
             _print_warnings(path, answer)
+
+
+def _manifest(options: argparse.Namespace) -> None:
+    trajectory, times = _read_times(options)
+    lines = "".join(json.dumps(request) + "\n"
+                    for request in trajectory.requests(_common_request(options, trajectory), times))
+    if options.output == "-":
+        sys.stdout.write(lines)
+        sys.stdout.flush()
+        return
+    with open(options.output, "w", encoding="utf-8") as file:
+        file.write(lines)
+
+
+def _read_times(options: argparse.Namespace) -> Tuple[Trajectory, np.ndarray]:
+    """Returns the trajectory and the times of its frames."""
+    trajectory = _read_trajectory(options)
+    return trajectory, trajectory.times_s if options.step_s is None else _steps(trajectory.times_s, options.step_s)
 
 
 def _read_trajectory(options: argparse.Namespace) -> Trajectory:

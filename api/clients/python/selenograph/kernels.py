@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from typing import Any, Dict, List, Optional, Union
+from typing import Any, Dict, Iterable, List, Optional, Union
 
 import numpy as np
 
@@ -20,6 +20,10 @@ BARYCENTRE = 0
 SUN = 10
 MOON = 301
 EARTH = 399
+# Of the bodies of the sky, in the order in which kernels are searched: planetary ephemerides have only the barycentres of
+# the outer planets and their moons.
+SKY_BODIES = {"sun": (SUN,), "earth": (EARTH,), "mercury": (199, 1), "venus": (299, 2), "mars": (499, 4),
+              "jupiter": (599, 5), "saturn": (699, 6), "uranus": (799, 7), "neptune": (899, 8)}
 MOON_FRAMES = {31006: "MOON_PA_DE421", 31008: "MOON_PA_DE440"}
 J2000 = 1
 
@@ -36,7 +40,7 @@ AU_M = 149597870700.0
 LIGHT_M_S = 299792458.0
 JD_J2000 = 2451545.0
 DAY_S = 86400.0
-VELOCITY_STEP_S = 100.0  # the Moon's velocity from differences: to 1e-6 m/s
+VELOCITY_STEP_S = 100.0  # velocities from differences: the Moon's to 1e-6 m/s
 
 
 class Kernels:
@@ -113,15 +117,9 @@ class Kernels:
 
         Its length is the distance that the light has come. Deflection by the Sun is left out.
         """
-        observer = self.position_m(MOON, et_s, BARYCENTRE)
-        offset = self.position_m(body, et_s, BARYCENTRE) - observer
-        for _ in range(3):
-            light_time_s = float(np.linalg.norm(offset)) / LIGHT_M_S
-            offset = self.position_m(body, et_s - light_time_s, BARYCENTRE) - observer
-        later = self.position_m(MOON, et_s + VELOCITY_STEP_S, BARYCENTRE)
-        earlier = self.position_m(MOON, et_s - VELOCITY_STEP_S, BARYCENTRE)
+        offset = self._at_departure_m(body, et_s)
         distance = float(np.linalg.norm(offset))
-        return distance * aberrated(offset / distance, (later - earlier) / (2 * VELOCITY_STEP_S * LIGHT_M_S))
+        return distance * aberrated(offset / distance, self._velocity_m_s(MOON, et_s) / LIGHT_M_S)
 
     def moon_from_icrf(self, et_s: float) -> np.ndarray:
         """Returns the rotation matrix from ICRF into `moon_frame`."""
@@ -152,6 +150,48 @@ class Kernels:
         offset = self.apparent_m(EARTH, et_s)
         direction = self.moon_me_from_icrf(et_s) @ offset / np.linalg.norm(offset)
         return {"direction": direction.tolist(), "distance_m": float(np.linalg.norm(offset))}
+
+    def sky_states(self, when: When, bodies: Optional[Iterable[str]] = None) -> Dict[str, Dict[str, List[float]]]:
+        """Returns the `sky.states` of a request at an epoch, which is to be the sky's: spkezr's with "LT", in metres.
+
+        bodies: their names ("sun", "earth", "venus", ...); left out: all that the kernels have then. Needs no PCK.
+        """
+        et_s = et_of(when)
+        states = {}
+        for body in SKY_BODIES if bodies is None else bodies:
+            code = self._sky_body(body, et_s, required=bodies is not None)
+            if code is None:
+                continue
+            offset = self._at_departure_m(code, et_s)
+            departure_s = et_s - float(np.linalg.norm(offset)) / LIGHT_M_S
+            velocity = self._velocity_m_s(code, departure_s) - self._velocity_m_s(MOON, et_s)
+            states[body] = {"position_m": offset.tolist(), "velocity_m_s": velocity.tolist()}
+        return states
+
+    def _sky_body(self, body: str, et_s: float, required: bool) -> Optional[int]:
+        """Returns the code by which the kernels have a body of the sky, None without one."""
+        if body not in SKY_BODIES:
+            raise ValueError(f"{body!r} is not a body of the sky; there are {', '.join(SKY_BODIES)}")
+        codes = SKY_BODIES[body]
+        found = next((code for code in codes if BARYCENTRE in self._offsets_km(code, et_s)), None)
+        if found is None and required:
+            self.position_m(codes[-1], et_s, BARYCENTRE)  # reports what is missing
+        return found
+
+    def _at_departure_m(self, body: int, et_s: float) -> np.ndarray:
+        """Returns a body's position when the light left that reaches the Moon's centre, from the Moon then, ICRF."""
+        observer = self.position_m(MOON, et_s, BARYCENTRE)
+        offset = self.position_m(body, et_s, BARYCENTRE) - observer
+        for _ in range(3):
+            light_time_s = float(np.linalg.norm(offset)) / LIGHT_M_S
+            offset = self.position_m(body, et_s - light_time_s, BARYCENTRE) - observer
+        return offset
+
+    def _velocity_m_s(self, body: int, et_s: float) -> np.ndarray:
+        """Returns a body's barycentric velocity, ICRF."""
+        later = self.position_m(body, et_s + VELOCITY_STEP_S, BARYCENTRE)
+        earlier = self.position_m(body, et_s - VELOCITY_STEP_S, BARYCENTRE)
+        return (later - earlier) / (2 * VELOCITY_STEP_S)
 
     def _offsets_km(self, body: int, et_s: float) -> Dict[int, np.ndarray]:
         """Returns the body's position relative to itself, to its centre, to that one's centre, and so on."""

@@ -214,8 +214,8 @@ class Trajectory:
     def requests(self, request: AnyFrameRequest, times_s: Optional[Iterable[float]] = None) -> List[Dict[str, Any]]:
         """Returns `request` with the pose of each time (default: times_s).
 
-        A request without "sun" gets the Sun of each epoch. The result is a list, so that frames() knows all poses
-        ahead.
+        A request without "sun" gets the Sun of each epoch. Where the Sun is the kernels', a "sky" without an epoch gets
+        each epoch and the kernels' states. The result is a list, so that frames() knows all poses ahead.
         """
         if "sun" not in request and self.start is None and set(request.get("products", ["radiance"])) & NEED_SUN:
             raise ValueError('the request has no "sun", and the trajectory no epoch to find it by; add one by Sun')
@@ -224,10 +224,23 @@ class Trajectory:
             changes: Dict[str, Any] = {"pose": self.at(time_s)}
             if "sun" not in request and self.start is not None:
                 utc = self.utc(time_s)
-                kernels = self._kernels
-                changes["sun"] = kernels.sun(utc) if kernels is not None and kernels.has_sun else Sun.utc(utc)
+                if self._kernels is not None and self._kernels.has_sun:
+                    changes["sun"] = self._kernels.sun(utc)
+                    changes.update(_sky_by_kernels(request, self._kernels, utc))
+                else:
+                    changes["sun"] = Sun.utc(utc)
             requests.append({**request, **changes})
         return requests
+
+
+def _sky_by_kernels(request: AnyFrameRequest, kernels: Kernels, utc: str) -> Dict[str, Any]:
+    """Returns the "sky" of a request at an epoch, empty without one or where it has an epoch of its own."""
+    sky = request.get("sky")
+    if sky is None or "utc" in sky or "et_s" in sky:
+        return {}
+    used = {"sun": sky.get("sun"), "earth": True}
+    states = {body: state for body, state in kernels.sky_states(utc).items() if used.get(body, sky.get("planets"))}
+    return {"sky": {"states": states, **sky, "utc": utc}}
 
 
 def _continuous_azimuths(times: np.ndarray, up_azimuth_deg: Any) -> Azimuths:
