@@ -93,7 +93,7 @@ class DocsWithoutABrowser(unittest.TestCase):
         cls.document = json.loads(service.ask("GET", "/openapi.json")[2])
         script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "docs_page.js")
         done = subprocess.run(["node", script, f"http://127.0.0.1:{service.port}"], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S)
+                              stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S * 5)  # all examples at full size
         service.stop()
         if done.returncode:
             raise AssertionError(done.stderr)
