@@ -19,19 +19,32 @@ std::vector<RayHit> cast(std::span<const Ray> rays, const Renderer& renderer, co
   return renderer.query({}, {}, [&](const RenderContext& context) { return cast_rays(rays, {}, sun, context); });
 }
 
-// Returns the ground at a position as rays hit it: it may be finer than a frame's ground, and above it.
-Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request) {
+// Replaces positions by the ground there as rays hit it: it may be finer than a frame's ground, and above it.
+void put_on_ground(std::vector<Vec3>& positions_m, const Renderer& renderer, const FrameRequest& request) {
   constexpr double kAbove_m = 1000;
-  const Vec3 up = position_m.normalized();
-  const Ray down{position_m + kAbove_m * up, -up};
-  const RayHit hit = cast({&down, 1}, renderer, request.sun).front();
-  return hit.hit ? hit.position_m : position_m;
+  std::vector<Ray> down;
+  for (const Vec3& position_m : positions_m) {
+    const Vec3 up = position_m.normalized();
+    down.push_back({position_m + kAbove_m * up, -up});
+  }
+  const std::vector<RayHit> hits = cast(down, renderer, request.sun);
+  for (std::size_t i = 0; i < hits.size(); ++i)
+    if (hits[i].hit) positions_m[i] = hits[i].position_m;
 }
 
-// Returns the light that a point receives from the ground around it, W m-2, by rays over the sphere of directions.
-double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec3& normal, const FrameRequest& request,
-                     int strata) {
-  constexpr int kDirections = 128, kHigh = 8;
+// Rays over the sphere of directions, and each one's share of its point's irradiance at unit radiance.
+struct SphereRays {
+  std::vector<Ray> rays;
+  std::vector<double> weights;
+  std::vector<std::size_t> points;
+};
+
+constexpr int kAzimuths = 128;
+
+// Appends a point's rays of one azimuth.
+void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal, int strata,
+                 SphereRays& out) {
+  constexpr int kHigh = 8;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
   // Lower bound of a low stratum's elevations, which are denser towards the horizon.
   const auto low = [&](double row) {
@@ -39,35 +52,54 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
     return kBorder * u * (0.15 + 0.85 * u * u);
   };
   const EastNorthUp axes = local_axes(position_m.normalized());
-  std::vector<Ray> rays;
-  std::vector<double> weights;
-  // Order rays by azimuth: neighbouring rays hit the same terrain.
-  for (int k = 0; k < kDirections; ++k)
-    for (int row = 0; row < strata + kHigh; ++row) {
-      const bool is_low = row < strata;
-      const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
-                   elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
-      const double phi = 2 * kPi * (k + 0.25 + 0.5 * (row % 2)) / kDirections;
-      const Vec3 direction = std::cos(elevation) * (std::cos(phi) * axes.east + std::sin(phi) * axes.north) +
-                             std::sin(elevation) * axes.up;
-      const double cosine = direction.dot(normal);
-      if (cosine <= 0) continue;
-      rays.push_back({position_m + 1e-3 * axes.up, direction});
-      weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kDirections);
-    }
-  const std::vector<RayHit> hits = cast(rays, renderer, request.sun);
+  for (int row = 0; row < strata + kHigh; ++row) {
+    const bool is_low = row < strata;
+    const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
+                 elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
+    const double phi = 2 * kPi * (azimuth + 0.25 + 0.5 * (row % 2)) / kAzimuths;
+    const Vec3 direction =
+        std::cos(elevation) * (std::cos(phi) * axes.east + std::sin(phi) * axes.north) + std::sin(elevation) * axes.up;
+    const double cosine = direction.dot(normal);
+    if (cosine <= 0) continue;
+    out.rays.push_back({position_m + 1e-3 * axes.up, direction});
+    out.weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kAzimuths);
+    out.points.push_back(point);
+  }
+}
+
+// Adds the light that the rays bring to their points, W m-2.
+void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequest& request,
+               std::vector<double>& light_w_m2) {
+  const std::vector<RayHit> hits = cast(from.rays, renderer, request.sun);
   const Brdf brdf(request.reflectance, band_of(request));
-  double sum = 0;
-  for (std::size_t i = 0; i < rays.size(); ++i) {
+  for (std::size_t i = 0; i < hits.size(); ++i) {
     // Ignore hits on the point's own facet: directions above the interpolated normal's plane may be below the facet's.
     if (!hits[i].hit || hits[i].range_m < 2) continue;
     const double mu0 = hits[i].normal.dot(request.sun.direction);
     if (!(mu0 > 0 && hits[i].lit > 0)) continue;
-    const Vec3 back = -rays[i].direction;
-    sum += weights[i] * hits[i].lit *
-           brdf.times_mu0(mu0, std::max(hits[i].normal.dot(back), 0.0), back.dot(request.sun.direction));
+    const Vec3 back = -from.rays[i].direction;
+    light_w_m2[from.points[i]] +=
+        kSolarConstant_w_m2 * from.weights[i] * hits[i].lit *
+        brdf.times_mu0(mu0, std::max(hits[i].normal.dot(back), 0.0), back.dot(request.sun.direction));
   }
-  return kSolarConstant_w_m2 * sum;
+}
+
+// Returns the light that points receive from the ground around them, W m-2, by rays over the sphere of directions.
+// Casts all points' rays of an azimuth together: they hit the same terrain, whose acceleration structure each cast
+// builds anew.
+std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Vec3>& positions_m,
+                                  const std::vector<Vec3>& normals, const FrameRequest& request, int strata) {
+  constexpr std::size_t kMaxRays = 1 << 19;  // some 200 MB with their hits
+  std::vector<double> light_w_m2(positions_m.size(), 0);
+  SphereRays from;
+  for (int azimuth = 0; azimuth < kAzimuths; ++azimuth) {
+    for (std::size_t i = 0; i < positions_m.size(); ++i)
+      add_azimuth(azimuth, i, positions_m[i], normals[i], strata, from);
+    if (from.rays.size() < kMaxRays && azimuth + 1 < kAzimuths) continue;
+    add_light(from, renderer, request, light_w_m2);
+    from = {};
+  }
+  return light_w_m2;
 }
 
 double ms_of(const Renderer& renderer, const FrameRequest& request) {
@@ -84,6 +116,7 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
+  std::vector<Vec3> positions_m, normals;
   const int side = request.camera.width, step = side / kPointsAlong;
   for (int row = step / 3; row < side; row += step)
     for (int column = step / 3; column < side; column += step) {
@@ -92,9 +125,11 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
       in_shadow_.push_back(products.lit[pixel] == 0);
-      light_w_m2_.push_back(light_by_rays(renderer, on_ground(renderer, position_m, request),
-                                          at(products.normal, pixel), request, strata));
+      positions_m.push_back(position_m);
+      normals.push_back(at(products.normal, pixel));
     }
+  put_on_ground(positions_m, renderer, request);
+  light_w_m2_ = light_by_rays(renderer, positions_m, normals, request, strata);
   request_.products = kIrradiance;
   request_.indirect.terrain = true;
 }

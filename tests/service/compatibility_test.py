@@ -6,6 +6,7 @@ the names of commands, their options and metrics: api/v1.names.json.
 """
 
 import copy
+import functools
 import json
 import os
 import re
@@ -111,7 +112,8 @@ class Comparison:
     def _choices(schema):
         return {json.dumps(v) for v in schema.get("enum", [schema["const"]] if "const" in schema else [])}
 
-    def _alternatives(self, document, schema):
+    @staticmethod
+    def _alternatives(schema):
         return [a for word in ("anyOf", "oneOf") for a in schema.get(word, ())]
 
     def _request(self, where, old, new):
@@ -120,21 +122,13 @@ class Comparison:
         if pair is None:
             return
         old, new = pair
-        if self._types(new) and not self._types(old) <= self._types(new) | ({"integer"} if "number" in self._types(new) else set()):
-            self._tell(where, f"takes {new['type']}, not {old.get('type')}")
-        if self._choices(new) and (gone := self._choices(old) - self._choices(new)):
-            self._tell(where, f"does not take {', '.join(sorted(gone))}")
+        self._compare(where, "_request", old, new)
         for word, looser in BOUNDS.items():
             if word in new and (word not in old or looser * (new[word] - old[word]) < 0):
                 self._tell(where, f"{word} is {new[word]}, not {old.get(word, 'unbounded')}")
-        for word in ("default", "x-unit", "format"):
-            if old.get(word) != new.get(word) and (word in old or word == "x-unit"):
-                self._tell(where, f"{word} is {new.get(word)}, not {old.get(word)}")
-        self._members(where, old, new, self._request)
-        for name in set(new.get("required", ())) - set(old.get("required", ())):
-            self._tell(where, f"{name} is required now")
-        self._items(where, old, new, self._request)
-        self._each_has_one(where, self._alternatives(self.old, old), self._alternatives(self.new, new), lambda o, n: self._breaks_of(o, n, "_request"))
+        for word in ("default", "format"):
+            if word in old and old[word] != new.get(word):
+                self._tell(where, f"{word} is {new.get(word)}, not {old[word]}")
         known = [json.dumps(self._of_old_names(c), sort_keys=True) for c in self._conditions(old)]
         for condition in self._conditions(new):
             kept = self._of_old_names(condition)
@@ -146,20 +140,27 @@ class Comparison:
         pair = self._pair("answer", old, new)
         if pair is None:
             return
-        old, new = pair
-        if self._types(old) and not self._types(new) <= self._types(old) | ({"integer"} if "number" in self._types(old) else set()):
-            self._tell(where, f"is {new.get('type')}, not {old['type']}")
-        if self._choices(old) and (more := self._choices(new) - self._choices(old)):
-            self._tell(where, f"may be {', '.join(sorted(more))}")
+        # The resolved request is compared as a request.
+        old, new = ({**schema, "properties": {k: v for k, v in schema.get("properties", {}).items() if k != "request"}} for schema in pair)
+        self._compare(where, "_answer", old, new)
+
+    def _compare(self, where, kind, old, new):
+        """What holds for requests and answers alike: what one side sends, the other must take."""
+        asked = kind == "_request"
+        sent, taken = (old, new) if asked else (new, old)
+        if self._types(taken) and not self._types(sent) <= self._types(taken) | ({"integer"} if "number" in self._types(taken) else set()):
+            self._tell(where, f"{'takes' if asked else 'is'} {new.get('type')}, not {old.get('type')}")
+        if self._choices(taken) and (more := self._choices(sent) - self._choices(taken)):
+            self._tell(where, f"{'does not take' if asked else 'may be'} {', '.join(sorted(more))}")
         if old.get("x-unit") != new.get("x-unit"):
             self._tell(where, f"x-unit is {new.get('x-unit')}, not {old.get('x-unit')}")
-        # The resolved request is compared as a request.
-        old, new = ({**schema, "properties": {k: v for k, v in schema.get("properties", {}).items() if k != "request"}} for schema in (old, new))
-        self._members(where, old, new, self._answer)
-        for name in set(old.get("required", ())) - set(new.get("required", ())):
-            self._tell(where, f"{name} may be missing")
-        self._items(where, old, new, self._answer)
-        self._each_has_one(where, self._alternatives(self.new, new), self._alternatives(self.old, old), lambda n, o: self._breaks_of(o, n, "_answer"))
+        compare = getattr(self, kind)
+        self._members(where, old, new, compare)
+        for name in set(taken.get("required", ())) - set(sent.get("required", ())):
+            self._tell(where, f"{name} {'is required now' if asked else 'may be missing'}")
+        self._items(where, old, new, compare)
+        self._each_has_one(where, self._alternatives(sent), self._alternatives(taken),
+                           lambda s, t: self._breaks_of(*((s, t) if asked else (t, s)), kind))
 
     def _members(self, where, old, new, compare):
         for name, schema in old.get("properties", {}).items():
@@ -228,6 +229,7 @@ def served():
     return without_texts(document)
 
 
+@functools.cache  # a process for each command
 def commands(*words):
     """Options by command, those of commands within commands included."""
     text = subprocess.run([harness.BINARY, *words, "--help"], check=True, stdout=subprocess.PIPE, text=True).stdout

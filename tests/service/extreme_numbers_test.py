@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Every numeric member at the ends of its range, as the API document has it: an answer or a named refusal, never a fault."""
+"""Every numeric member at the ends of its range, as the API document has it: an answer or a named refusal, never a fault.
+
+But by full effort (slow.extreme_numbers) every other member of a document, at one of the ends.
+"""
 
 import copy
 import itertools
@@ -16,7 +19,7 @@ from harness import changed, frame_request
 FINE = {200, 422, 504}
 DEADLINE_S = 3
 LATE_S = 30  # of an answer on a busy machine; what depends on a denormal number never ends
-SEVERAL = int(os.environ.get("EXTREME_SEVERAL", "2"))  # requests of each document with three numbers changed at once
+SEVERAL = int(os.environ.get("EXTREME_SEVERAL", "1"))  # requests of each document with three numbers changed at once
 DENORMAL, NORMAL, LARGEST = 5e-324, 2.3e-308, 1.7976931348623157e308
 PLACE = {"lat_deg": 0.1, "lon_deg": 30.1}
 HIGH = {**PLACE, "height_m": 20000.0}
@@ -205,7 +208,7 @@ class ExtremeNumbersTest(unittest.TestCase):
         numbers = self.numbers(path, document)
         self.assertEqual(self.service.post(path, document, accept)[0], 200, document)
         draw = random.Random(json.dumps(document))
-        for where, values in numbers:
+        for where, values in numbers if harness.full_effort() else numbers[draw.randrange(2)::2]:
             for value in values if harness.full_effort() else [draw.choice(values)]:
                 self.ask(path, changed(document, where, value), accept, {"/".join(map(str, where)): value})
         self.change_several(path, document, accept, numbers)

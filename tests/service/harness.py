@@ -63,6 +63,12 @@ def full_effort():
     return os.environ.get("SELENOGRAPH_TEST_EFFORT") == "full"
 
 
+def share(cases, part):
+    """All cases by full effort, else one of `part` of them, evenly spread."""
+    cases = list(cases)
+    return cases if full_effort() else cases[::part]
+
+
 def sanitized():
     """Whether the binary is a sanitizer's, whose heap is another and larger one: its presets say options for it."""
     return any(name.endswith("SAN_OPTIONS") for name in os.environ)

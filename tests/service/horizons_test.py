@@ -17,7 +17,8 @@ gdal.UseExceptions()
 
 RADIUS_M = 1737400.0
 PLACE = {"lat_deg": -6.5, "lon_deg": 40.0}
-AREA = {"projection": "orthographic", "center": PLACE, "width_m": 3200, "height_m": 3200, "gsd_m": 50}
+SIDE_M = 3200 if harness.full_effort() else 1600
+AREA = {"projection": "orthographic", "center": PLACE, "width_m": SIDE_M, "height_m": SIDE_M, "gsd_m": 50}
 HORIZON = {"azimuths": 720, "farthest_km": 60}
 
 

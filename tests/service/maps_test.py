@@ -300,6 +300,8 @@ class OfRelief(harness.WithService):
 
     def test_heights_and_projected_places(self):
         for name, area in PLACES.items():
+            if not harness.full_effort() and name not in ("equirectangular", "polar, date line"):
+                continue
             with self.subTest(name):
                 lat, lon, map_ = self.sampled(area, "height")
                 places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
@@ -352,7 +354,8 @@ class OfRelief(harness.WithService):
 
     def test_lit_and_normal_are_those_of_rays(self):
         seen = set()
-        for name, disc in (("equirectangular", 0), ("south pole", 0), ("polar, date line", 0.2666), ("orthographic", 0.2666)):
+        cases = (("south pole", 0), ("polar, date line", 0.2666), ("equirectangular", 0), ("orthographic", 0.2666))
+        for name, disc in cases if harness.full_effort() else cases[:2]:
             with self.subTest(name):
                 area = dict(PLACES[name])
                 if "center" in area:

@@ -50,11 +50,11 @@ def gauges(service, connection):
 
 
 class Memory(unittest.TestCase):
-    def fly(self, service, box):
+    def fly(self, service, box, frames=FRAMES):
         """Resident memory, terrain cache and acceleration structures after each frame, MiB."""
         connection = service.connect()
         rows = []
-        for i in range(FRAMES):
+        for i in range(frames):
             status, _, body = service.ask("POST", "/v1/frames", json.dumps(request(box, i)),
                                           {"Content-Type": "application/json", "Accept": "application/octet-stream"}, connection)
             self.assertEqual(status, 200, body[:300])
@@ -95,7 +95,7 @@ class Memory(unittest.TestCase):
         dem = harness.sample("dem", "--south-deg", "-1", "--west-deg", "28", "--rows", "2", "--columns", "6", "--ppd", "512")
         service = Service("--cache-mb", "256", "--scene-mb", "256", "--pretouch", "--log-level", "warning", dem=dem)
         idle = service.resident_mb()
-        resident, _, _ = self.fly(service, (-0.8, 0.8, 28.2, 33.8))
+        resident, _, _ = self.fly(service, (-0.8, 0.8, 28.2, 33.8), REVOLUTION)
         self.assertEqual(service.stop(), 0)
         self.assertGreaterEqual(idle, 0.95 * 512)
         self.assertLessEqual(max(resident), 1.15 * 512)

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Runs the commands of engine/horizons/south_pole.md on the polar piece that it names, and checks what it says of them."""
+"""Runs the commands of engine/horizons/south_pole.md on the polar piece that it names, and checks what it says of them.
+
+But by full effort (slow.south_pole) the descent has two of its three frames.
+"""
 
 import csv
 import json
@@ -36,6 +39,14 @@ def tearDownModule():
     harness.tear_down()
 
 
+def lighter(word):
+    """A request of the page, of the descent two frames."""
+    if harness.full_effort() or os.path.basename(word) != "descent.jsonl":
+        return word
+    with open(os.path.join(REPOSITORY, word)) as file:
+        return harness.write("descent.jsonl", "".join(file.readlines()[:2]))
+
+
 class SouthPole(unittest.TestCase):
     def run_page(self):
         with open(os.path.join(REPOSITORY, PAGE)) as file:
@@ -43,7 +54,8 @@ class SouthPole(unittest.TestCase):
         commands = [line for block in re.findall(r"```sh\n(.*?)```", text, re.S) for line in block.splitlines()]
         environment = {**os.environ, "SELENOGRAPH_CACHE_DIR": harness.path("cache")}
         for command in commands:
-            words = [os.path.join(harness.shared_data("real"), PIECE) if word == TERRAIN else word for word in shlex.split(command)]
+            words = [os.path.join(harness.shared_data("real"), PIECE) if word == TERRAIN else lighter(word)
+                     for word in shlex.split(command)]
             done = subprocess.run(words, cwd=harness.path(), env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                                   text=True, timeout=harness.PATIENCE_S * 5)
             self.assertEqual(done.returncode, 0, f"{command}\n{done.stdout[-2000:]}")
@@ -69,7 +81,7 @@ class SouthPole(unittest.TestCase):
         self.assertGreater(series[:, 2].max(), 0.99)
         self.assertGreater(os.path.getsize(harness.path("illumination.png")), 20000)
         # In the crater's shadow the light is that of its walls: frames metered there are not black.
-        for name, dark in (("1000m", False), ("300m", True), ("60m", True)):
+        for name, dark in (("1000m", False), ("300m", True), *([("60m", True)] if harness.full_effort() else ())):
             with np.load(harness.path("descent", name + ".npz")) as frame:
                 image, exposure = frame["image"].astype(float), json.loads(bytes(frame["meta.json"]))["exposure"]
             middle = image[110:210, 110:210].mean() / 4095

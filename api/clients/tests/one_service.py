@@ -1,6 +1,6 @@
-"""What the tests of clients in other languages and of adapters share: one service over the terrain that the examples fly over.
+"""What the tests of clients and adapters share: one service over the terrain that the examples fly over.
 
-A test file imports setUpModule and tearDownModule, too, where unittest looks for them.
+A test file imports setUpModule (or has its own, which calls start()) and tearDownModule, too, where unittest looks for them.
 """
 
 import os
@@ -10,19 +10,30 @@ import harness
 
 CLIENTS = os.path.join(harness.REPOSITORY, "api", "clients")
 PLACE = ("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--ppd", "256")
+WITH_ASSETS = ("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
 SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
 
 
-def setUpModule():
+def start(*options, terrain=PLACE):
+    """Starts the service with these options over sample terrain."""
     harness.set_up()
-    harness.sample("dem", *PLACE)
-    OneService.service = harness.Service("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
+    harness.sample("dem", *terrain)
+    OneService.service = harness.Service(*options)
+
+
+def setUpModule():
+    start(*WITH_ASSETS)
 
 
 def tearDownModule():
-    code = OneService.service.stop()
-    harness.tear_down()
-    assert code == 0, f"exit status {code} after SIGTERM"
+    try:
+        OneService.service.expect_clean_stop()
+    finally:
+        harness.tear_down()
+
+
+def url():
+    return f"http://{OneService.service.host}:{OneService.service.port}"
 
 
 class OneService(unittest.TestCase):
@@ -31,4 +42,4 @@ class OneService(unittest.TestCase):
     service = None
 
     def url(self):
-        return "http://%s:%d" % (self.service.host, self.service.port)
+        return url()

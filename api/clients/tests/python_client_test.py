@@ -36,6 +36,7 @@ except ImportError:
 
 import harness
 from harness import BINARY, PATIENCE_S, REPOSITORY, Service, frame_request
+from one_service import WITH_ASSETS, OneService, start, tearDownModule, url  # noqa: F401
 
 FOLDER = os.path.join(REPOSITORY, "api", "clients", "python")
 sys.path.insert(0, FOLDER)
@@ -43,25 +44,9 @@ import selenograph  # noqa: E402
 from selenograph import AsyncClient, Client, Pose, Refused, Sun, Trajectory  # noqa: E402
 from selenograph.moon import position_of  # noqa: E402
 
-SERVICE = None
-
 
 def setUpModule():
-    global SERVICE
-    harness.set_up()
-    harness.sample("dem", "--ppd", "256")  # where the examples fly
-    SERVICE = Service("--max-rays", "20000", "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"))
-
-
-def tearDownModule():
-    try:
-        SERVICE.expect_clean_stop()
-    finally:
-        harness.tear_down()
-
-
-def url():
-    return f"http://{SERVICE.host}:{SERVICE.port}"
+    start("--max-rays", "20000", *WITH_ASSETS)
 
 
 def pose_at(step):
@@ -90,7 +75,7 @@ class Frames(WithClient):
     def test_a_frame_is_a_mapping(self):
         products = ("radiance", "range", "position", "image", "source")
         frame = self.client.frame(request_at(0, products))
-        status, headers, body = SERVICE.frame(request_at(0, products), "application/x-npz")
+        status, headers, body = OneService.service.frame(request_at(0, products), "application/x-npz")
         self.assertEqual(status, 200)
         right = np.load(io.BytesIO(body))
         self.assertEqual(set(frame), set(products))
@@ -368,7 +353,7 @@ class Points(WithClient):
         heights = self.client.heights(lat, lon)
         self.assertEqual(heights.shape, (3, 2))
         for i in np.ndindex(2, 2):
-            _, _, body = SERVICE.ask("GET", f"/v1/height?lat_deg={lat[i]}&lon_deg={lon[i]}")
+            _, _, body = OneService.service.ask("GET", f"/v1/height?lat_deg={lat[i]}&lon_deg={lon[i]}")
             right = json.loads(body)
             self.assertEqual({name: heights[name][i] for name in right}, right)
         self.assertTrue(np.isnan(heights.height_m[2]).all())
@@ -633,7 +618,7 @@ class CommandLine(unittest.TestCase):
             self.assertEqual(code, 0)
             with open(name, "rb") as file:
                 content = file.read()
-            self.assertEqual(content, SERVICE.frame(request, accept)[2], name)
+            self.assertEqual(content, OneService.service.frame(request, accept)[2], name)
             self.assertRegex(said, rf"^{name}: {len(content)} bytes; ms: .*(visibility|touch|nothing)")
 
     def test_warnings_are_printed(self):
@@ -682,7 +667,7 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(sorted(os.listdir("pictures")), [f"{i:05d}.png" for i in range(3)])
         pose = Trajectory.from_csv("watched.csv").at(0)
         with open("pictures/00000.png", "rb") as file:
-            self.assertEqual(file.read(), SERVICE.frame({**common, "pose": pose}, "image/png")[2])
+            self.assertEqual(file.read(), OneService.service.frame({**common, "pose": pose}, "image/png")[2])
 
     def test_steps_end_with_the_trajectory(self):
         """Where the quotient or the product of floating-point numbers lies an ulp beside a whole number of steps."""
@@ -741,7 +726,7 @@ class Examples(unittest.TestCase):
         for shot in shots:
             lat, range_m, height_m = map(float, re.findall(r"-?\d+\.\d+", shot))
             self.assertAlmostEqual(range_m + height_m, 15000, 2)
-            _, _, body = SERVICE.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg=40")
+            _, _, body = OneService.service.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg=40")
             self.assertLess(abs(json.loads(body)["height_m"] - height_m), 3)  # four digits of a latitude: 3 m
         self.assertIn("200 of 200 shots returned", last)
 
@@ -940,21 +925,6 @@ class Package(unittest.TestCase):
     def test_it_is_the_services_version(self):
         said = subprocess.run([BINARY, "--version"], check=True, capture_output=True, text=True).stdout
         self.assertIn(selenograph.__version__, said.split())
-
-    def test_pip_installs_it(self):
-        missing = [name for name in ("pip", "setuptools", "wheel") if importlib.util.find_spec(name) is None]
-        if missing:
-            self.skipTest("not installed: " + ", ".join(f"python3-{name}" for name in missing))
-        # Of a copy: setuptools writes beside the sources.
-        source, target = harness.path("package"), harness.path("installed")
-        shutil.copytree(FOLDER, source, ignore=shutil.ignore_patterns("__pycache__"))
-        done = python("-m", "pip", "install", "--no-build-isolation", "--no-deps", "--no-index", "--target", target,
-                      source)
-        self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
-        done = python("-c", "import selenograph; print(selenograph.__file__)", cwd=harness.path(),
-                      environment={"PYTHONPATH": target})
-        self.assertEqual(done.stdout.strip(), os.path.join(target, "selenograph", "__init__.py"))
-        self.assertTrue(os.path.isdir(os.path.join(target, f"selenograph-{selenograph.__version__}.dist-info")))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,8 @@ import numpy as np
 
 import harness
 import kernels as written
-from harness import REPOSITORY, Service
+from harness import REPOSITORY
+from one_service import start, tearDownModule, url  # noqa: F401
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 from selenograph import Camera, Client, Kernels, Pose, Trajectory  # noqa: E402
@@ -27,7 +28,6 @@ from selenograph.epochs import et_of  # noqa: E402
 from selenograph.kernels import LIGHT_M_S, turned_axes  # noqa: E402
 from selenograph.rotations import matrix_of  # noqa: E402
 
-SERVICE = None
 START = "2026-11-20T00:00:00Z"
 ET = 848404869.18  # of START, to a hundredth of a second
 AT = et_of(START)
@@ -40,17 +40,7 @@ ARCSEC = math.radians(1 / 3600)
 def setUpModule():
     if not importlib.util.find_spec("jplephem"):
         raise unittest.SkipTest("no jplephem: deploy/install-packages test")
-    global SERVICE
-    harness.set_up()
-    harness.sample("dem", "--ppd", "64")
-    SERVICE = Service()
-
-
-def tearDownModule():
-    try:
-        SERVICE.expect_clean_stop()
-    finally:
-        harness.tear_down()
+    start(terrain=("--ppd", "64"))
 
 
 def cubic(*coefficients):
@@ -247,7 +237,7 @@ class Directions(WithKernels):
             self.assertEqual(kernels.moon_frame, frame)
             me_from_pa = kernels.moon_me_from_icrf(ET) @ kernels.moon_from_icrf(ET).T
             position = np.array([1.35e6, 1.13e6, -2e5])
-            with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client, warnings.catch_warnings():
+            with Client(url()) as client, warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 view = client.frame({"camera": Camera.pinhole(width=4, height=4, fov_deg=50), "products": ["range"],
                                      "pose": Pose.nadir(position_m=position, frame=frame)}).meta["request"]["pose"]
@@ -270,7 +260,7 @@ class Directions(WithKernels):
         path = written.write_daf(harness.path("astropy.bsp"), "SPK", [
             written.spk_chebyshev(code, 0, barycentric(body), *SPAN, records=1, degree=6)
             for body, code in (("sun", 10), ("moon", 301), ("earth", 399))])
-        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+        with Client(url()) as client:
             sky = client.sky({"camera": {"model": "fisheye", "width": 512, "height": 512, "fov_deg": 350}, "utc": START,
                               "pose": {"frame": "ICRF", "position_m": camera_m.tolist(),
                                        "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}},
@@ -411,7 +401,7 @@ class Trajectories(WithKernels):
         np.testing.assert_allclose(
             kernels.moon_me_from_icrf(et).T @ earth["direction"] * earth["distance_m"], 1e3 * (EARTH_KM(et) - MOON_KM(et)),
             atol=4e-4 * earth["distance_m"])  # aberration of 20 arcseconds, light time
-        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client, warnings.catch_warnings():
+        with Client(url()) as client, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             view = client.frame({**request, "camera": Camera.pinhole(width=4, height=4, fov_deg=50), "products": ["range"],
                                  "indirect": {"earth": earth}}).meta
@@ -476,7 +466,7 @@ DATA_STOP
 
     def test_the_commands(self):
         out = harness.path("watched")
-        self.command("watch", "--out", out, "--url", f"http://{SERVICE.host}:{SERVICE.port}")
+        self.command("watch", "--out", out, "--url", url())
         self.assertEqual(sorted(os.listdir(out)), ["00000.npz", "00001.npz", "00002.npz"])
         for i in range(3):
             with open(os.path.join(out, f"0000{i}.npz"), "rb") as file:

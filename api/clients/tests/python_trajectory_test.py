@@ -14,7 +14,8 @@ from unittest import mock
 import numpy as np
 
 import harness
-from harness import REPOSITORY, Service, frame_request
+from harness import REPOSITORY, frame_request
+from one_service import start, tearDownModule, url  # noqa: F401
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 from selenograph import Camera, Client, Pose, Sun, Trajectory  # noqa: E402
@@ -22,21 +23,10 @@ from selenograph.moon import position_of  # noqa: E402
 from selenograph.rotations import matrix_of, quaternion_of  # noqa: E402
 
 MOON_GM = 4.9028e12  # m^3 s^-2
-SERVICE = None
 
 
 def setUpModule():
-    global SERVICE
-    harness.set_up()
-    harness.sample("dem", "--ppd", "256")
-    SERVICE = Service()
-
-
-def tearDownModule():
-    try:
-        SERVICE.expect_clean_stop()
-    finally:
-        harness.tear_down()
+    start()
 
 
 def request_of(**parts):
@@ -65,7 +55,7 @@ class Attitudes(unittest.TestCase):
     PLACE = {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 20000.0}
 
     def setUp(self):
-        self.client = Client(f"http://{SERVICE.host}:{SERVICE.port}")
+        self.client = Client(url())
         self.addCleanup(self.client.close)
 
     def frame_of(self, pose):
@@ -453,7 +443,7 @@ class Trajectories(unittest.TestCase):
         self.assertEqual((pose["frame"], pose["utc"]), ("J2000", "2026-11-20T12:00:05Z"))
 
     def test_service_rotates_inertial_orbits(self):
-        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+        with Client(url()) as client:
             oem = harness.write("icrf.oem", Orbit.oem(np.arange(0, 61, 10), frame="ICRF"))
             aem = harness.write("icrf.aem", Orbit.aem([0, 60], a="ICRF"))
             request, = Trajectory.from_ccsds(oem, aem).requests({"camera": Camera.pinhole(width=8, height=8, fov_deg=9),
@@ -469,7 +459,7 @@ class Trajectories(unittest.TestCase):
         start = datetime(2026, 11, 20, tzinfo=timezone.utc)
         common = {"camera": Camera.pinhole(width=8, height=8, fov_deg=9), "products": ["range"],
                   "sun": Sun.utc("2026-11-25T00:00:00Z")}
-        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+        with Client(url()) as client:
             places = []
             for frame in ("ICRF", "J2000"):
                 trajectory = Trajectory([0, 7200], [[1.9e6, 0, 0], [1.9e6, 4e5, 0]], up_azimuth_deg=0, start=start,
