@@ -27,11 +27,11 @@ int detail_of(const SceneContent& content) { return content.terrain ? content.te
 // Returns the key of a scene. The structured binding names every member, so that a new member breaks the build until it
 // is part of the key.
 ContentKey RenderCache::key_of(const SceneContent& content) {
-  const auto& [blocks, anchor_m, visibility, terrain, beside_coarser] = content;
+  const auto& [blocks, anchor_m, visibility, terrain, soft_corners] = content;
   const int detail = detail_of(content);
   ContentHash hash;
   hash.add(blocks.data(), blocks.size());
-  hash.add(beside_coarser.data(), beside_coarser.size());
+  hash.add(soft_corners.data(), soft_corners.size());
   hash.add(anchor_m);
   hash.add(visibility);
   hash.add(detail);

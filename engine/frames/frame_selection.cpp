@@ -73,7 +73,7 @@ SceneContent content_of(const FrameRequest& request, const RowViews& views, cons
         std::min(clearance_m, bundle.view.position().norm() - bundle.shift_m - kMoonRadius_m - selection.highest_m);
   return {selection.blocks,
           anchor_for(view.position(), view.middle(), clearance_m, fine_ground(selection.blocks, terrain)),
-          visibility_for(request, views, selection), &terrain, selection.beside_coarser};
+          visibility_for(request, views, selection), &terrain, selection.soft_corners};
 }
 
 FrameSelection select_frame(const FrameRequest& request, const RenderContext& context) {

@@ -31,7 +31,7 @@ struct BlockBorder {
   std::array<int, 4> stride{1, 1, 1, 1};  // every stride-th vertex of the edge remains
   std::array<std::vector<float>, 4>
       height;        // heights of the remaining vertices, m; a collapsed one repeats that before it
-  Corners soft = 0;  // corners at which normals are smoothed
+  Corners soft = 0;  // shares of smoothed normals at the corners
   bool operator==(const BlockBorder& border) const;  // compares heights bit for bit
 };
 
@@ -134,8 +134,8 @@ std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& t
 class Mesh {
  public:
   // `blocks`: sorted, at most TriangleId::kMaxBlocks; those without a valid post are left out. Loads in parallel;
-  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null. `soft`: corners of
-  // each block at which normals are smoothed; empty: none.
+  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null. `soft`: shares of
+  // smoothed normals at each block's corners; empty: none.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr,
        const StopToken& stop = {}, const std::vector<Corners>& soft = {});
 

@@ -27,9 +27,9 @@ struct Selection {
   double max_pixels_per_metre = 0, max_spacing_px = 0;
   double highest_m = 0;                      // upper bound on the height of all blocks
   std::vector<dem::SourceIndex> replaced{};  // unusable files replaced by coarser data; ascending
-  // Per block, the corners at which a coarser block is in view beside it; empty if there are none. Only for terrain
-  // with detail.
-  std::vector<Corners> beside_coarser{};
+  // Per block, the shares of smoothed normals at its corners (soft_normals.h); empty if there are none. Only for
+  // terrain with detail.
+  std::vector<Corners> soft_corners{};
 };
 
 // Returns the approximate memory of a block in a scene: its vertices as float for the z-buffer, plus those of the mesh

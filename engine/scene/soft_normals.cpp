@@ -31,7 +31,7 @@ void smooth_line(const Eigen::Vector3f* from, Eigen::Vector3f* to, std::size_t c
 
 }  // namespace
 
-void soften_normals(std::span<dem::Vertex> vertices, int side, Corners smooth) {
+void soften_normals(std::span<dem::Vertex> vertices, int side, Corners shares) {
   const auto n = static_cast<std::size_t>(side), last = n - 1;
   std::vector<Eigen::Vector3f> own(n * n), along_rows(n * n), smoothed(n * n);
   for (std::size_t i = 0; i < own.size(); ++i) own[i] = vertices[i].normal;
@@ -45,7 +45,9 @@ void soften_normals(std::span<dem::Vertex> vertices, int side, Corners smooth) {
     smooth_line(&own[c], &smoothed[c], n, n);
     for (const std::size_t r : {std::size_t{0}, last}) smoothed[r * n + c] = own[r * n + c];
   }
-  const auto of_corner = [&](int north, int east) { return (smooth >> (2 * north + east) & 1) != 0 ? 1.F : 0.F; };
+  const auto of_corner = [&](int north, int east) {
+    return static_cast<float>(share_at(shares, 2 * north + east)) / kSoftBlocks;
+  };
   const float per_vertex = 1.F / static_cast<float>(last);
   for (std::size_t r = 0; r < n; ++r) {
     const float up = static_cast<float>(r) * per_vertex, down = static_cast<float>(last - r) * per_vertex;

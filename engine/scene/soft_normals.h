@@ -1,6 +1,10 @@
 // Shading normals at borders between levels of detail. The finer level shows an octave of sizes more than the coarser
 // one, and the end of that octave would show as an edge. At the border the finer block's normals are smoothed like the
-// coarser level's; over the block they blend into its own.
+// coarser level's; over kSoftBlocks blocks they blend into their own:
+//
+//   coarser level |     finer level, blocks
+//        |        3-----------2-----------1-----------0-----------0   kSoftBlocks = 3: shares at corners, in thirds
+//        |        |           |           |           |           |
 #pragma once
 
 #include <cstdint>
@@ -10,13 +14,21 @@
 
 namespace selenograph::engine {
 
-// Corners of a block, a bit each: south-west, south-east, north-west, north-east.
+// Share of smoothed normals at each corner of a block, in 1 / kSoftBlocks, two bits each: south-west, south-east,
+// north-west, north-east.
 using Corners = std::uint8_t;
-inline constexpr int kCorners = 4;
+inline constexpr int kCorners = 4, kSoftBlocks = 3;
+inline int share_at(Corners corners, int corner) { return corners >> (2 * corner) & 3; }
+// Returns the corners with at least that share at one of them.
+inline Corners raised(Corners corners, int corner, int share) {
+  return share <= share_at(corners, corner)
+             ? corners
+             : static_cast<Corners>((corners & ~(3 << (2 * corner))) | share << (2 * corner));
+}
 
-// Smooths the normals of a block at some corners. `vertices`: side x side, row 0 in the south. `smooth`: corners with
-// smoothed normals; at the others normals stay unchanged, in between they are blended bilinearly. Blocks of one level
-// that agree on their shared corners agree on the normals of common edges, bit for bit.
-void soften_normals(std::span<dem::Vertex> vertices, int side, Corners smooth);
+// Blends the normals of a block into smoothed ones. `vertices`: side x side, row 0 in the south. `shares`: of the
+// smoothed normals at the corners, bilinear in between. Blocks of one level that agree on their shared corners agree on
+// the normals of common edges, bit for bit.
+void soften_normals(std::span<dem::Vertex> vertices, int side, Corners shares);
 
 }  // namespace selenograph::engine

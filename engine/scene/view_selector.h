@@ -285,8 +285,11 @@ class ViewSelector {
   const BlockId* unbalanced_neighbour(const BlockId& id, const NeighbourProbe& at) const;
 
   void find_coarser_neighbours();
-  // Returns the corners of a block with detail at which a coarser block is in view.
+  // Returns whether a coarser block in view beside this one softens its normals.
+  bool may_soften(const BlockId& id) const;
+  // Returns the corners of a block with detail at which a coarser block is in view, with the full share.
   Corners corners_at_coarser(const BlockId& id) const;
+  void spread(const std::vector<BlockId>& blocks, std::vector<Corners>& corners) const;
 
   // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most
   // kMaxLevelsApart, so that edges join vertex by vertex, and until no edge in view exceeds the reported error.

@@ -1,3 +1,4 @@
+#include "dem/detail/detailed_terrain.h"
 #include "dem/posts/level_borders.h"
 #include "engine/scene/view_selector.h"
 
@@ -45,20 +46,26 @@ const BlockId* ViewSelector::unbalanced_neighbour(const BlockId& id, const Neigh
   return neighbour && must_split(*neighbour, id, probe) ? neighbour : nullptr;
 }
 
+// The normals of the level that shows all octaves have no further one, which those of the level above it show, too.
+bool ViewSelector::may_soften(const BlockId& id) const {
+  return dem::has_detail(terrain_, id) && id.level < terrain_.detailed()->detail().finest_level() &&
+         in_view_.contains(id);
+}
+
 Corners ViewSelector::corners_at_coarser(const BlockId& id) const {
   // A coarser block beyond a side softens both corners of that side; one beyond a corner only that corner.
-  int corners = 0;
-  if (!dem::has_detail(terrain_, id) || !in_view_.contains(id)) return 0;
+  Corners corners = 0;
+  if (!may_soften(id)) return 0;
   for_each_neighbour(id, [&](const NeighbourProbe& probe) {
     const BlockId* neighbour = covering(probe.lat, probe.lon, id.level);
     if (!neighbour || neighbour->level == id.level || !in_view_.contains(*neighbour)) return;
     // Leave out the corners on the opposite side: one of their signs opposes the probe's.
     for (int corner = 0; corner < kCorners; ++corner) {
       const int north = corner / 2 == 0 ? -1 : 1, east = corner % 2 == 0 ? -1 : 1;
-      if (probe.north != -north && probe.east != -east) corners |= 1 << corner;
+      if (probe.north != -north && probe.east != -east) corners = raised(corners, corner, kSoftBlocks);
     }
   });
-  return static_cast<Corners>(corners);
+  return corners;
 }
 
 void ViewSelector::find_coarser_neighbours() {
@@ -68,8 +75,47 @@ void ViewSelector::find_coarser_neighbours() {
   in_parallel_pieces(blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) corners[i] = corners_at_coarser(blocks[i]);
   });
-  if (std::any_of(corners.begin(), corners.end(), [](Corners c) { return c != 0; }))
-    result_.beside_coarser = std::move(corners);
+  if (std::all_of(corners.begin(), corners.end(), [](Corners c) { return c == 0; })) return;
+  spread(blocks, corners);
+  result_.soft_corners = std::move(corners);
+}
+
+// Spreads the shares from block to block: from a corner to the others of a block they fall by one. The last pass only
+// gives all blocks at a corner the same share.
+void ViewSelector::spread(const std::vector<BlockId>& blocks, std::vector<Corners>& corners) const {
+  std::unordered_map<BlockId, int, dem::BlockIdHash> share_of;  // by level, and row and column of the corner
+  const auto visit_corners = [](const BlockId& id, const auto& visit) {
+    const dem::BlockExtent e = dem::extent_of(id);
+    const dem::Tick side = e.quads * e.lat_step;
+    for (int corner = 0; corner < kCorners; ++corner) {
+      const dem::Tick lat = corner / 2 == 0 ? e.lat0 : e.lat1(), lon = corner % 2 == 0 ? e.lon0 : e.lon1();
+      visit(corner, BlockId{id.level, dem::steps_in(lat, side), dem::steps_in(dem::wrap_lon(lon), side)});
+    }
+  };
+  const auto record = [&](std::size_t i) {
+    visit_corners(blocks[i], [&](int corner, const BlockId& position) {
+      int& share = share_of[position];
+      share = std::max(share, share_at(corners[i], corner));
+    });
+  };
+  for (std::size_t i = 0; i < blocks.size(); ++i)
+    if (corners[i] != 0) record(i);
+  for (int pass = 1; pass <= kSoftBlocks; ++pass)
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      Corners shares = corners[i];
+      int largest = 0;
+      visit_corners(blocks[i], [&](int corner, const BlockId& position) {
+        const auto found = share_of.find(position);
+        if (found == share_of.end()) return;
+        shares = raised(shares, corner, found->second);
+        largest = std::max(largest, found->second);
+      });
+      for (int corner = 0; pass < kSoftBlocks && corner < kCorners; ++corner)
+        shares = raised(shares, corner, largest - 1);
+      if (shares == corners[i] || !may_soften(blocks[i])) continue;
+      corners[i] = shares;
+      record(i);
+    }
 }
 
 void ViewSelector::balance() {

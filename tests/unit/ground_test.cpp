@@ -54,6 +54,28 @@ TEST(Ground, OfTheLastMetresIsAsRoughAsMeasured) {
   EXPECT_EQ(rows, 5);
 }
 
+// To the last metre on steep ground: what is added to the slopes over half a metre is Chang'e-4's, the rest is as
+// before.
+TEST(Ground, OfTheLastMetresIsTheSameOnSteepGround) {
+  for (const std::string name : {"highlands", "polar"}) {
+    const dem::DetailPreset coarse = shipped(name), fine = shipped(name + "_landing");
+    EXPECT_EQ(fine.relief.deviation_m, coarse.relief.deviation_m);
+    EXPECT_EQ(fine.relief.min_factor, coarse.relief.min_factor);
+    EXPECT_EQ(fine.craters.largest_m, coarse.craters.largest_m);
+    EXPECT_EQ(fine.craters.smallest_m, shipped("landing").craters.smallest_m);
+    double over_7_mm = 0, over_half_a_metre = 0;  // tangents of median slopes
+    for (const SlopeRow& row : ground_slopes(fine, 60)) {
+      if (row.baseline_m == 0.007) over_7_mm = std::tan(row.median_deg * kRadiansPerDegree);
+      if (row.baseline_m == 0.5) over_half_a_metre = std::tan(row.median_deg * kRadiansPerDegree);
+      if (row.baseline_m >= 0.5 && row.baseline_m <= 100) {
+        EXPECT_NEAR(row.median_deg / row.published_deg, 1, 0.2) << name << ' ' << row.baseline_m;
+      }
+    }
+    const double added = std::sqrt(over_7_mm * over_7_mm - over_half_a_metre * over_half_a_metre);
+    EXPECT_NEAR(std::atan(added) * kDegreesPerRadian, 10, 2) << name;
+  }
+}
+
 TEST(Ground, CratersAreAsManyAsTheLawHas) {
   for (const char* const name : {"mare", "polar"})
     for (const CraterRow& row : ground_craters(shipped(name))) {
@@ -67,9 +89,9 @@ TEST(Ground, CratersAreAsManyAsTheLawHas) {
 
 // The area of the rocks of an octave is the law's, from fragments of 4 mm to rocks of 4 m.
 TEST(Ground, RocksCoverAsMuchAsTheLawHas) {
-  for (const char* const name : {"landing", "polar", "polar_rocky"}) {
+  for (const std::string name : {"landing", "polar_landing", "polar", "polar_rocky"}) {
     const std::vector<RockRow> rows = ground_rocks(shipped(name));
-    EXPECT_EQ(rows.size(), name == std::string("landing") ? 11U : 8U);
+    EXPECT_EQ(rows.size(), name.ends_with("landing") ? 11U : 8U);
     for (const RockRow& row : rows) {
       EXPECT_NEAR(row.area / row.law, 1, row.diameter_m < 4 ? 0.15 : 0.3) << name << ' ' << row.diameter_m;
       EXPECT_EQ(row.fragments > 0, row.diameter_m < 0.05) << row.diameter_m;
@@ -88,7 +110,8 @@ TEST(Ground, PolarRocksAreThoseOfHaworth) {
 
 // Every preset names what its laws were measured on and what it extrapolates.
 TEST(Ground, PresetsNameTheirSources) {
-  for (const char* const name : {"mare", "highlands", "landing", "polar", "polar_rocky"}) {
+  for (const char* const name :
+       {"mare", "highlands", "landing", "polar", "polar_rocky", "highlands_landing", "polar_landing"}) {
     const dem::DetailPreset preset = shipped(name);
     const std::size_t laws = 2U + (preset.clods.cover > 0) + (preset.rocks.smallest_m < preset.rocks.largest_m);
     ASSERT_EQ(preset.sources.size(), laws) << name;

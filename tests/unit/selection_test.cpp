@@ -12,6 +12,7 @@
 #include <optional>
 #include <random>
 #include <set>
+#include <tuple>
 #include <unordered_set>
 
 #include "dem/base/error.h"
@@ -397,7 +398,8 @@ TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
     const Selection s = select_for_view(terrain, view, &sun, {}, {});
     std::map<BlockId, bool> seen;
     for (const BlockId& id : s.blocks) seen[id] = in_view(terrain, view, id);
-    int corners = 0;
+    int corners = 0, largest_between = 0;
+    std::map<std::tuple<int, dem::Tick, dem::Tick>, int> shares;  // of a level at a corner
     for (std::size_t i = 0; i < s.blocks.size(); ++i) {
       const BlockId& id = s.blocks[i];
       const dem::BlockExtent e = dem::extent_of(id);
@@ -410,12 +412,22 @@ TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
               const auto other = seen.find(dem::block_at(level, lat + north, dem::wrap_lon(lon + east)));
               coarser |= other != seen.end() && other->second;
             }
-        const bool told = !s.beside_coarser.empty() && (s.beside_coarser[i] >> corner & 1) != 0;
-        EXPECT_EQ(told, seen[id] && terrain.has_detail(id) && coarser) << i << ' ' << corner;
-        corners += told;
+        const bool softened =
+            seen[id] && terrain.has_detail(id) && id.level < terrain.detail().finest_level() && !s.soft_corners.empty();
+        const int share = s.soft_corners.empty() ? 0 : share_at(s.soft_corners[i], corner);
+        EXPECT_EQ(share == kSoftBlocks, softened && coarser) << i << ' ' << corner;
+        corners += share == kSoftBlocks;
+        if (softened) {
+          EXPECT_EQ(shares.try_emplace({id.level, lat, dem::wrap_lon(lon)}, share).first->second, share) << i;
+        }
+        // The share falls by one from a corner to any other of a block, and by no more.
+        for (int other = 0; softened && other < kCorners; ++other)
+          EXPECT_GE(share, share_at(s.soft_corners[i], other) - 1) << i << ' ' << corner << ' ' << other;
+        largest_between = share < kSoftBlocks ? std::max(largest_between, share) : largest_between;
       }
     }
     EXPECT_EQ(corners > 10, oblique) << corners;
+    EXPECT_EQ(largest_between, oblique ? kSoftBlocks - 1 : 0);
   }
 }
 

@@ -12,7 +12,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr int kSide = 65;
-constexpr Corners kSouthEast = 2, kNorthWest = 4, kNorthEast = 8, kAll = 15;
+constexpr Corners kSouthEast = 0x0C, kNorthWest = 0x30, kNorthEast = 0xC0, kAll = 0xFF;
 
 std::size_t at(int r, int c) { return static_cast<std::size_t>(r * kSide + c); }
 
@@ -70,6 +70,8 @@ TEST(SoftNormals, LoseWhatTheCoarserLevelLacks) {
   EXPECT_GT(left_of_wave(32, kAll), 0.9);
   // Halfway from a coarser level.
   EXPECT_NEAR(left_of_wave(4, kNorthWest | kNorthEast), 0.5, 0.03);
+  // A third at all corners: two blocks from a coarser level.
+  EXPECT_NEAR(left_of_wave(4, 0x55), 2.0 / 3, 0.03);
 }
 
 TEST(SoftNormals, AreTheirOwnAtSharpCornersAndAlongSharpEdges) {

@@ -18,7 +18,7 @@ struct SceneContent {
   Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
   Visibility visibility = Visibility::raytrace;
   const dem::Terrain* terrain = nullptr;  // the terrain with its detail; null: without detail
-  std::vector<Corners> beside_coarser{};  // as selected; empty: normals stay as they are
+  std::vector<Corners> soft_corners{};    // as selected; empty: normals stay as they are
 };
 
 // Parts of a scene that another scene may reuse.
@@ -32,7 +32,7 @@ struct Scene {
   // have blocks in common. Throws Cancelled when stopped.
   Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
         const StopToken& stop = {})
-      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.beside_coarser)),
+      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.soft_corners)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
         core_m(core_of(mesh)),
         anchor(content.anchor_m),
