@@ -96,6 +96,86 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
   return {std::max(kCoarsest, static_cast<int>(level)), farthest_m > fade.begins_m};
 }
 
+// On rough ground, light changes from post to post: its posts are up to kDenser times as close as spacing_px says, at
+// least a pixel apart and no closer than the mesh's. kRough is that of the rougher half of a polar site at 5 m; smooth
+// hillsides have half of it. Meshes of far views, all of which are rough, are not refined: those more than kMeshCoarser
+// levels coarser than the terrain's posts.
+constexpr double kRough = 0.014, kDenser = 4;
+constexpr int kMeshCoarser = 1;
+// Largest number of posts on refined ground. They fill 600 tiles; the roughest blocks have them.
+constexpr double kMaxPostsOnRough = 1 << 17;
+
+double spacing_on_rough_px(double spacing_px) { return std::min(spacing_px, std::max(spacing_px / kDenser, 1.0)); }
+
+struct Roughness {
+  double change = 0;  // RMS change of slope from post to post, halved; along the rougher axis
+  double posts = 0;   // number of squares as high as the block's quads in its area
+};
+
+// Returns the roughness of a block. It needs all posts: a few crests make most of it.
+Roughness roughness_of(const MeshBlock& block) {
+  const dem::Block& posts = *block.posts;
+  const int quads = posts.extent.quads;
+  const auto height_m = [&](int row, int column) {
+    return static_cast<double>(block.vertices[posts.index(row, column)].height_m);
+  };
+  const auto spacing_m = [&](int row, int column) {
+    return (posts.position(row, column, 0) - posts.position(quads / 2, quads / 2, 0)).norm();
+  };
+  const double north_m = spacing_m(quads / 2 + 1, quads / 2), east_m = spacing_m(quads / 2, quads / 2 + 1);
+  double north_sum = 0, east_sum = 0;
+  int count = 0;
+  for (int r = 1; r < quads; ++r)
+    for (int c = 1; c < quads; ++c) {
+      const double middle_m = height_m(r, c), north = height_m(r - 1, c) - 2 * middle_m + height_m(r + 1, c),
+                   east = height_m(r, c - 1) - 2 * middle_m + height_m(r, c + 1);
+      if (std::isnan(north + east)) continue;
+      north_sum += north * north;
+      east_sum += east * east;
+      ++count;
+    }
+  if (count == 0) return {};
+  return {std::max(std::sqrt(north_sum / count) / north_m, std::sqrt(east_sum / count) / east_m) / 2,
+          quads * quads * east_m / north_m};
+}
+
+struct BlockLevels {
+  std::vector<int> of_blocks;  // BlockLevel::level per block of the mesh
+  bool fade = false;           // any ground in view is where light fades
+};
+
+// Returns the levels of the posts of light of all blocks, in parallel.
+BlockLevels levels_of(const ViewOfGround& view, const dem::Terrain& terrain, const Fade& fade, double spacing_px) {
+  const MeshBlocks blocks = view.mesh.blocks();
+  const std::vector<dem::Ticks> below_cameras = points_below_cameras(view.views);
+  BlockLevels out{std::vector<int>(blocks.size())};
+  std::atomic<bool> fades = false;
+  std::vector<Roughness> roughness(blocks.size());  // of ground that may be refined
+  in_parallel_pieces(blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) {
+      const BlockLevel level = level_for(blocks[i], view.views, below_cameras, fade, spacing_px);
+      out.of_blocks[i] = level.level;
+      if (level.fades) fades = true;
+      const dem::BlockId& id = blocks[i].posts->id;
+      if (level.level >= 0 && level.level < id.level && terrain.posts_level(id) <= id.level + kMeshCoarser)
+        roughness[i] = roughness_of(blocks[i]);
+    }
+  });
+  out.fade = fades;
+  std::vector<std::size_t> rough;  // indices of blocks
+  for (std::size_t i = 0; i < blocks.size(); ++i)
+    if (roughness[i].change > kRough) rough.push_back(i);
+  std::stable_sort(rough.begin(), rough.end(),
+                   [&](std::size_t a, std::size_t b) { return roughness[a].change > roughness[b].change; });
+  double posts = 0;
+  for (const std::size_t i : rough) {
+    posts += roughness[i].posts;
+    if (posts > kMaxPostsOnRough) break;
+    out.of_blocks[i] = level_for(blocks[i], view.views, below_cameras, fade, spacing_on_rough_px(spacing_px)).level;
+  }
+  return out;
+}
+
 // Returns the field that lights an object over ground out of view. Its posts are as far apart as in view at the object,
 // but no closer than 1/16 of the object's radius.
 std::optional<LightField> field_below(const Ball& object, const RowViews& views, const dem::Terrain& terrain,
@@ -285,15 +365,14 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   const Mesh& mesh = view.mesh;
   constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);  // field of each block of the mesh
-  const std::vector<dem::Ticks> below_cameras = points_below_cameras(views);
   const Fade fade = fade_of(views);
-  std::atomic<bool> fades = false;  // set if any ground in view is where light fades
+  const BlockLevels levels = levels_of(view, terrain, fade, spacing_px);
+  bool fades = levels.fade;
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const dem::Block& posts = *mesh.blocks()[i].posts;
-      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below_cameras, fade, spacing_px);
+      const int level = levels.of_blocks[i];
       if (level < 0) continue;
-      if (block_fades) fades = true;
       const bool closer = level > posts.id.level;
       const int finest = closer ? level + kFiner : std::clamp(terrain.posts_level(posts.id), level, level + kFiner);
       const dem::BlockExtent& e = posts.extent;

@@ -1,8 +1,8 @@
 #include "engine/verify/indirect_error.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <ctime>
 #include <numbers>
 
 #include "dem/base/quantile.h"
@@ -102,10 +102,19 @@ std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Ve
   return light_w_m2;
 }
 
+// Returns the processor time of a frame. Unlike elapsed time it does not grow with the machine's other work.
 double ms_of(const Renderer& renderer, const FrameRequest& request) {
-  const auto start = std::chrono::steady_clock::now();
+  const std::clock_t start = std::clock();
   renderer.render(request);
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+}
+
+// Returns the request under a Sun three degrees further along its great circle around the zenith.
+FrameRequest with_next_sun(FrameRequest request) {
+  constexpr double kStep_deg = 3;
+  request.sun.direction =
+      Eigen::AngleAxisd(kStep_deg * kRadiansPerDegree, request.pose.position_m.normalized()) * request.sun.direction;
+  return request;
 }
 
 }  // namespace
@@ -136,7 +145,8 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
 
 IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
   Error out;
-  double ours = 0, truths = 0, squares = 0, shadow_ours = 0, shadow_truths = 0;
+  double ours = 0, truths = 0, squares = 0, shadow_ours = 0, shadow_truths = 0, shadow_squares = 0;
+  int shadows = 0;
   std::vector<double> differences;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
@@ -147,6 +157,8 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
     if (in_shadow_[i]) {
       shadow_ours += light;
       shadow_truths += truth;
+      shadow_squares += std::pow(light - truth, 2);
+      ++shadows;
     }
     differences.push_back(truth > 0 ? std::abs(light / truth - 1) : 0);
     if (truth > 1e-4 * kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
@@ -155,7 +167,10 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
   if (out.places == 0 || !(truths > 0)) return out;
   out.median = median(differences);
   out.ratio = ours / truths;
-  if (shadow_truths > 0) out.shadow_ratio = shadow_ours / shadow_truths;
+  if (shadow_truths > 0) {
+    out.shadow_ratio = shadow_ours / shadow_truths;
+    out.shadow_rms = std::sqrt(shadow_squares / shadows) / (shadow_truths / shadows);
+  }
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;
 }
@@ -170,6 +185,7 @@ IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& trut
   renderer.render(without);
   row.first_ms = ms_of(renderer, with);
   row.error = truth.of(renderer.render(with).products.irradiance);
+  row.new_sun_ms = ms_of(renderer, with_next_sun(with));
   std::vector<double> cached_ms, without_ms;
   for (int i = 0; i < repetitions; ++i) {
     without_ms.push_back(ms_of(renderer, without));

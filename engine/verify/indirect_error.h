@@ -22,6 +22,7 @@ class IndirectTruth {
     double median = 0;          // median of relative differences
     double worst = 0;           // largest relative difference where the light exceeds 1e-4 of sunlight
     double shadow_ratio = 1;    // ratio of means over points in shadow
+    double shadow_rms = 0;      // RMS difference over the mean, of points in shadow
   };
   // Returns the error of a frame. `irradiance`: the product of a frame of request(), with any spacing of posts.
   Error of(const std::vector<float>& irradiance) const;
@@ -34,14 +35,15 @@ class IndirectTruth {
   std::vector<bool> in_shadow_;     // by index into pixels_
 };
 
-// Error of a frame with light from terrain, and times of a frame without it, of the first one with it, and of one that
-// finds the light cached (kept_ms).
+// Error of a frame with light from terrain, and processor times of all threads: of a frame without it, of the first one
+// with it, of the first one under another Sun, and of one that finds the light cached (kept_ms).
 struct IndirectRow {
   double spacing_px = 0;
   IndirectTruth::Error error;
-  double without_ms = 0, first_ms = 0, kept_ms = 0;
+  double without_ms = 0, first_ms = 0, new_sun_ms = 0, kept_ms = 0;
 };
-// Measures one spacing of posts. `renderer` must not have rendered such a frame before: its light would be cached.
+// Measures one spacing of posts. `renderer` must not have rendered such a frame before: its light would be cached. The
+// process should do nothing else meanwhile.
 IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions);
 
 }  // namespace selenograph::engine

@@ -89,8 +89,10 @@ struct VerifyAccuracySettings {
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
-  bool indirect = false;  // measure light from terrain instead
-  std::string output;     // folder
+  bool indirect = false;         // measure light from terrain instead, under these Suns; empty: the scenes' own
+  std::vector<double> suns_deg;  // elevations
+  double sun_azimuth_deg = 90;
+  std::string output;  // folder
 };
 
 struct VerifyMoonSettings {

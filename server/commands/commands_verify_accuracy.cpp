@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -117,7 +118,22 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
   return scenes;
 }
 
-// Measures the error of light from terrain against time. Each row has its own renderer, whose light cache is empty.
+// Returns a scene's frame under each of the requested Suns, with the Sun's elevation.
+std::vector<std::pair<double, engine::FrameRequest>> under_suns(const engine::AccuracyScene& scene,
+                                                                const VerifyAccuracySettings& s) {
+  const engine::FrameRequest& request = scene.frames.front();
+  const EastNorthUp axes = local_axes(request.pose.position_m);
+  std::vector<std::pair<double, engine::FrameRequest>> out;
+  for (const double elevation_deg : s.suns_deg) {
+    out.emplace_back(elevation_deg, request);
+    out.back().second.sun.direction = engine::sun_direction(axes, s.sun_azimuth_deg, elevation_deg);
+  }
+  if (out.empty()) out.emplace_back(std::asin(request.sun.direction.dot(axes.up)) * kDegreesPerRadian, request);
+  return out;
+}
+
+// Measures the error of light from terrain against processor time. Each row has its own renderer, whose light cache is
+// empty.
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes) {
   std::string table;
@@ -126,20 +142,23 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
     fmt::print("{}", line);
     std::fflush(stdout);
   };
-  add("| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
-      "|---|---|---|---|---|---|---|---|---|\n");
-  for (const engine::AccuracyScene& scene : scenes) {
-    // Near a pole, ground lit by the low Sun is seen as thin strips: sample low elevations more densely.
-    const int strata = scene.name == "polar" ? 768 : 256;
-    const engine::IndirectTruth truth(renderer, scene.frames.front(), strata);
-    for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
-      const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
-      const auto& error = row.error;
-      add(fmt::format("| {} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.1f} | {:.1f} | {:.1f} |\n", scene.name,
-                      spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst, row.without_ms,
-                      row.first_ms, row.kept_ms));
+  add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms | "
+      "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+  for (const engine::AccuracyScene& scene : scenes)
+    for (const auto& [elevation_deg, request] : under_suns(scene, s)) {
+      // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
+      constexpr double kLow_deg = 5;
+      const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 768 : 256);
+      for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
+        const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
+        const auto& error = row.error;
+        add(fmt::format(
+            "| {} | {:.3g} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.3f} | {:.2f} | {:.1f} | {:.0f} | {:.0f} | "
+            "{:.1f} |\n",
+            scene.name, elevation_deg, spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst,
+            error.shadow_ratio, 100 * error.shadow_rms, row.without_ms, row.first_ms, row.new_sun_ms, row.kept_ms));
+      }
     }
-  }
   write_whole((fs::path(s.output) / "indirect.md").string(), table);
   fmt::print("{}\n", machine());
   return 0;

@@ -279,8 +279,19 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
                   "Render the reference with this many samples per pixel, a square")
       ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
       ->capture_default_str();
-  command.add_flag("--indirect", s.indirect,
-                   "Measure the error of light from terrain by the spacing of its posts, in scenes nadir and polar");
+  CLI::Option* indirect = command.add_flag(
+      "--indirect", s.indirect,
+      "Measure the error of light from terrain by the spacing of its posts, in scenes nadir and polar");
+  command
+      .add_option("--sun-deg", s.suns_deg,
+                  "Measure light from terrain under Suns of these elevations; default: 15, in the polar scene 2")
+      ->delimiter(',')
+      ->check(number_in(0.1, 90.0))
+      ->needs(indirect);
+  command.add_option("--sun-azimuth-deg", s.sun_azimuth_deg, "Set the azimuth of these Suns, clockwise from north")
+      ->check(number_in(0.0, 360.0))
+      ->capture_default_str()
+      ->needs(indirect);
   command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }

@@ -131,7 +131,20 @@ class VerifyAccuracy(unittest.TestCase):
                          [("nadir", spacing) for spacing in ("0.5", "1", "2", "4", "8")])
         self.assertLess(abs(float(rows[0]["ratio"]) - 1), 0.04)  # crests of a post
         self.assertLess(float(rows[0]["RMS %"]), float(rows[-1]["RMS %"]))
-        self.assertTrue(all(float(row["first ms"]) > 0 for row in rows), rows)
+        self.assertTrue(all(float(row["first ms"]) > float(row["without ms"]) for row in rows), rows)
+        self.assertTrue(all(abs(float(row["shadow ratio"]) - 1) < 0.3 and float(row["shadow RMS %"]) < 60 for row in rows), rows)
+
+    def test_light_from_terrain_under_chosen_suns(self):
+        def suns(*options):
+            done = run("verify", "accuracy", "--indirect", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
+                       "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
+                       harness.path("suns"), *options)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            return [line.split("|")[2:] for line in done.stdout.splitlines() if line.startswith("| nadir")]
+        own, chosen = suns(), suns("--sun-deg", "15,40")
+        self.assertEqual([float(row[0]) for row in chosen], 5 * [15] + 5 * [40])
+        self.assertEqual([row[1:8] for row in chosen[:5]], [row[1:8] for row in own])  # the scene's own Sun
+        self.assertNotEqual(chosen[0][2:8], chosen[5][2:8])
 
     def test_a_scene_that_is_not_there_is_refused(self):
         for options, words in ((("--scenes", "polar"), "--polar-center"), (("--scenes", "nadir,touchdown"), "--detail"),

@@ -481,6 +481,45 @@ TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
     }
 }
 
+// Level ground west of a meridian, waves of 8 posts east of it. In pixels as large as a post the waves have posts of
+// light of a pixel, level ground of four. From farther away, where the mesh is coarser than the posts, all have four.
+TEST(IndirectLight, RoughGroundHasPostsAPixelApart) {
+  const test::TemporaryFolder folder;
+  constexpr double kPostsPerDegree = 512, kMiddle_deg = 11, kHeight_m = 10000;
+  test::write_float_tile(folder / "dem", "half", {2, 10, kPostsPerDegree, 1025, 1025}, [](double lat, double lon) {
+    const double phase = kPostsPerDegree / 4 * std::numbers::pi;
+    return lon > kMiddle_deg ? 30 * std::sin(phase * lat) * std::sin(phase * lon) : 0.0;
+  });
+  const auto terrain = test::open_terrain(folder / "dem");
+  const double post_m = kMoonRadius_m * test::kDegree / kPostsPerDegree;
+  const Vec3 eye = to_cartesian({1, kMiddle_deg, kHeight_m});
+  for (const double posts_per_px : {1.0, 4.0}) {
+    constexpr int kSide = 128;
+    const double pixel_m = posts_per_px * post_m,
+                 fov_deg = 2 * std::atan(kSide / 2 * pixel_m / kHeight_m) / test::kDegree;
+    const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::UnitZ()), std::nullopt);
+    const double max_error_px = posts_per_px > 1 ? 4 : 0;
+    const Selection selection =
+        select_for_view(*terrain, views.reference(), nullptr, {.max_error_px = max_error_px}, {});
+    const Mesh mesh(*terrain, selection.blocks);
+    const FieldsInView seen = fields_in_view({views, mesh, {}, {}}, *terrain, 4);
+    int rough_blocks = 0, level_blocks = 0;
+    for (std::size_t i = 0; i < mesh.blocks().size(); ++i) {
+      const dem::BlockExtent& e = mesh.blocks()[i].posts->extent;
+      const double west_deg = dem::lon_deg_of(e.lon0), east_deg = dem::lon_deg_of(e.lon1());
+      if (seen.field_of_block[i] < 0 || (west_deg < kMiddle_deg && east_deg > kMiddle_deg)) continue;
+      const bool rough = west_deg >= kMiddle_deg;
+      const double spacing_px =
+          seen.fields[static_cast<std::size_t>(seen.field_of_block[i])].plane.spacing_m() / pixel_m;
+      EXPECT_GT(spacing_px, rough && posts_per_px == 1 ? 0.5 : 1.9) << west_deg << " " << posts_per_px;
+      EXPECT_LT(spacing_px, rough && posts_per_px == 1 ? 1.2 : 4.8) << west_deg << " " << posts_per_px;
+      ++(rough ? rough_blocks : level_blocks);
+    }
+    EXPECT_GT(rough_blocks, 0);
+    EXPECT_GT(level_blocks, 0);
+  }
+}
+
 // The Sun moves by 1.4e-5 degrees between frames of a loop at 10 Hz: the light is gathered once for many of them.
 // Within half a step of the lattice, 0.02 degrees at a low Sun, it is the same; a step later it has changed, by little.
 TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {

@@ -79,8 +79,9 @@ const Members<IndirectLight>& indirect_members() {
         m.add("bounces", &IndirectLight::bounces, Integer{1, 3},
               "number of reflections by terrain; 2 and 3 add light reflected by ground that other ground lights");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
-              "spacing in the image of the posts at which light is gathered and interpolated; at least the terrain's "
-              "post spacing or, for values below 1, half of it");
+              "spacing in the image of the posts at which light is gathered and interpolated, on rough ground a "
+              "quarter of it, but no less than 1; at least the terrain's post spacing or, for values below 1, half of "
+              "it");
         m.add("earth", &IndirectLight::earth, FlagOrEarth{},
               "earthlight, with shadows; true: the Earth at the epoch of `sun`. It comes from where the Moon's centre "
               "sees the "
