@@ -333,7 +333,7 @@ class Skies(WithKernels):
                         "velocity_frame": "ICRF", **sky}}
 
     def asked(self, **sky):
-        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+        with Client(url()) as client:
             answer = client.sky(self.request(**sky))
         return dict(zip(answer.id, answer.direction_icrf))
 
