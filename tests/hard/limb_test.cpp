@@ -137,6 +137,7 @@ TEST_F(RoughLimb, InAMeridianOfPostsIsThatBesideIt) {
   for (const auto& [lat_deg, lon_deg] :
        {std::pair{0.0, 0.0}, {0.0, 180.0}, {-45.0, 180.0}, {-90.0, 0.0}, {-90.0, 90.0}, {90.0, 0.0}})
     for (const double height_m : {1e5, 2e6, 4e8}) {
+      if (height_m == 2e6 && !full_effort()) continue;
       SCOPED_TRACE(fmt::format("{} {}, {} m", lat_deg, lon_deg, height_m));
       engine::LimbRequest request = of_whole_disc(lat_deg, lon_deg, height_m, 36);
       const Vec3 from = request.pose.position_m;
@@ -180,6 +181,11 @@ TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {
 class RealLimb : public ::testing::Test {
  protected:
   static std::string global() { return shared_data("global"); }
+  // Of the whole Moon, for all tests: its pyramid is made once.
+  static const engine::Renderer& whole_moon() {
+    static const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
+    return renderer;
+  }
   static std::shared_ptr<dem::PyramidTerrain> terrain(const std::vector<std::string>& folders) {
     return std::make_shared<dem::PyramidTerrain>(dem::Catalogue(folders),
                                                  dem::TerrainOptions{{}, std::size_t{512} << 20});
@@ -188,9 +194,8 @@ class RealLimb : public ::testing::Test {
 
 TEST_F(RealLimb, OfTheWholeMoonIsBetweenRays) {
   SELENOGRAPH_SKIP_WITHOUT(global());
-  const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
   for (const double height_m : kHeights_m) {
-    const AcrossTheLimb seen = look_across(renderer, of_whole_disc(-5, 20, height_m, kAzimuths));
+    const AcrossTheLimb seen = look_across(whole_moon(), of_whole_disc(-5, 20, height_m, kAzimuths));
     EXPECT_GT(seen.points, 0.9 * kAzimuths);  // not all are in the image
     EXPECT_EQ(seen.wrong, 0U);
   }
@@ -213,7 +218,7 @@ TEST_F(RealLimb, OfFinePostsAmongCoarseOnesIsBetweenRays) {
 // The camera moves until a star rises from behind a mountain, as POST /v1/sky has it.
 TEST_F(RealLimb, AStarGoesBehindAMountain) {
   SELENOGRAPH_SKIP_WITHOUT(global());
-  const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
+  const engine::Renderer& renderer = whole_moon();
   const std::string utc = "2026-11-25T00:00:00Z";
   const engine::LimbRequest disc = of_whole_disc(-5, 20, 2e6, 360);
   const std::vector<engine::LimbPoint> points = test::find_limb(renderer, disc);

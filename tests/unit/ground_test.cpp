@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "api/assets/assets.h"
+#include "tests/support/effort.h"
 
 namespace selenograph::engine {
 namespace {
@@ -16,6 +17,8 @@ dem::DetailPreset shipped(const std::string& name) {
 
 TEST(Ground, SlopesAreThePublishedOnes) {
   for (const char* const name : {"mare", "highlands", "polar", "landing"}) {
+    // Those that differ most; OfTheLastMetresIsAsRoughAsMeasured has the finest.
+    if (!test::full_effort() && name != std::string("mare") && name != std::string("polar")) continue;
     double at_1_m = 0, at_100_m = 0;  // RMS slopes
     for (const SlopeRow& row : ground_slopes(shipped(name), 60)) {
       if (row.baseline_m == 1) at_1_m = row.rms_deg;
