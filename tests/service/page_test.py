@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -389,6 +390,21 @@ class InABrowser(unittest.TestCase):
         rows = self.browser.execute_script("return trajectory('lat_deg,lon_deg,height_above_ground_m\\n1,2,300').map(poseOf)")
         self.assertEqual(rows[0]["geodetic"], {"lat_deg": 1, "lon_deg": 2, "height_above_ground_m": 300})
         self.assertEqual(self.errors(), [])
+
+    def test_the_scale_states_what_it_clips_and_noise_at_night_is_black(self):
+        self.open()
+        self.changes(lambda: self.set("product", "radiance"))
+        clipped = self.browser.execute_script("return document.getElementById('legend').textContent")
+        above = re.search(r"; ([0-9.]+) % above", clipped)
+        self.assertTrue(above and 0 < float(above[1]) < 0.2, clipped)
+        self.changes(lambda: self.set("product", "image"))
+        brightest = """const frame = document.getElementById("frame");
+            const values = frame.getContext("2d").getImageData(0, 0, frame.width, frame.height).data;
+            return values.filter((_, i) => i % 4 === 0).sort()[Math.floor(values.length / 4 * 0.99)]"""
+        self.changes(lambda: self.browser.find_element(By.ID, "sensor").click())
+        self.assertGreater(self.browser.execute_script(brightest), 200)
+        self.changes(lambda: self.set("sun_elevation_deg_number", "-5"))
+        self.assertLess(self.browser.execute_script(brightest), 30)
 
     def test_each_product_is_shown(self):
         self.open()
