@@ -76,8 +76,10 @@ OrderedJson headers() {
       {"Server-Timing",
        header("Durations in ms. queue, parse, select, build, indirect, visibility, sensor, craters, encode and "
               "other add up to total, from the complete request to the finished answer. pyramid and load are parts "
-              "of select and build; draw, resolve and shadow are parts of visibility by z-buffer; touch is the "
-              "system's time meanwhile, most of it for memory touched for the first time")},
+              "of select and build; relief (heights around its posts), views (the ground that they see), sunlit and "
+              "bounces (light on that ground) and gather are parts of indirect; draw, resolve and shadow are parts of "
+              "visibility by z-buffer; touch is the system's time meanwhile, most of it for memory touched for the "
+              "first time")},
       {"Selenograph-Product", header("For npy and raw answers: the product")},
       {"Selenograph-Shape", header("For npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("For npy and raw answers: NumPy's name, e.g. <f4")},

@@ -32,6 +32,17 @@ Json parse_claimed(std::string_view text, const EndpointContext& context) {
 
 }  // namespace
 
+void add_indirect(const engine::StageTimes& times, StageTimes& stages) {
+  stages.push_back({"indirect", times.indirect_ms});
+  if (!(times.indirect_ms > 0)) return;
+  const engine::LightTimes& light = times.light;
+  stages.insert(stages.end(), {{"relief", light.relief_ms},
+                               {"views", light.views_ms},
+                               {"sunlit", light.sunlit_ms},
+                               {"bounces", light.bounces_ms},
+                               {"gather", light.gather_ms}});
+}
+
 void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits) {
   // Rethrow `e`, which becomes "deadline_exceeded", if the request can succeed with a longer Request-Timeout-Ms.
   const auto longest_ms = static_cast<double>(limits.default_deadline.count());

@@ -109,6 +109,9 @@ std::string_view accepted(const EndpointContext& context, std::span<const Altern
 // is not sent.
 Response negotiated(const EndpointContext& context, std::string_view media_type, std::string body);
 
+// Appends the duration of indirect light and, where there is any, of its parts.
+void add_indirect(const engine::StageTimes& times, StageTimes& stages);
+
 // Return status 200 with application/json.
 Response json_response(std::string text);
 Response json_response(const nlohmann::ordered_json& json);

@@ -42,9 +42,9 @@ StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double en
                     {"select", times.select_ms},
                     {"build", times.build_ms},
                     {"pyramid", times.pyramid_ms},
-                    {"load", times.load_ms},
-                    {"indirect", times.indirect_ms},
-                    {"visibility", times.visibility_ms}};
+                    {"load", times.load_ms}};
+  add_indirect(times, stages);
+  stages.push_back({"visibility", times.visibility_ms});
   if (times.draw_ms > 0)
     stages.insert(stages.end(), {{"draw", times.draw_ms}, {"resolve", times.resolve_ms}, {"shadow", times.shadow_ms}});
   stages.insert(

@@ -54,11 +54,9 @@ Response answer_maps(const EndpointContext& context) {
   if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
   if (map.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", map.report.missing_fraction));
-  response.stages = {{"parse", parse_ms},
-                     {"select", map.times.select_ms},
-                     {"build", map.times.build_ms},
-                     {"visibility", map.times.visibility_ms},
-                     {"encode", watch.lap_ms()}};
+  response.stages = {{"parse", parse_ms}, {"select", map.times.select_ms}, {"build", map.times.build_ms}};
+  add_indirect(map.times, response.stages);
+  response.stages.insert(response.stages.end(), {{"visibility", map.times.visibility_ms}, {"encode", watch.lap_ms()}});
   context.stop.check();
   return response;
 }

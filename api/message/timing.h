@@ -13,7 +13,8 @@ namespace selenograph::api {
 
 // Durations that overlap with others: parts of stages, and "touch", the system's time for touching new memory. All
 // other durations are disjoint stages.
-inline constexpr std::string_view kOverlappingDurations[] = {"pyramid", "load", "draw", "resolve", "shadow", "touch"};
+inline constexpr std::string_view kOverlappingDurations[] = {
+    "pyramid", "load", "relief", "views", "sunlit", "bounces", "gather", "draw", "resolve", "shadow", "touch"};
 
 // Returns the header's value: "queue;dur=0.1, parse;dur=2.3".
 inline std::string timing_text(const StageTimes& stages) {

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "engine/frame/light_times.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {
@@ -40,6 +41,7 @@ struct StageTimes {
   // loaded, including their pyramid chunks.
   double pyramid_ms = 0, load_ms = 0;
   double indirect_ms = 0;    // light from terrain and Earth at posts; 0 without
+  LightTimes light;          // parts of indirect_ms
   double visibility_ms = 0;  // visible points, refinement, light and shading
   // Parts of visibility_ms with the z-buffer: drawing triangles, refining and shading points, casting shadows. Ray
   // tracing has no separate parts.
@@ -56,6 +58,7 @@ struct StageTimes {
     pyramid_ms += t.pyramid_ms;
     load_ms += t.load_ms;
     indirect_ms += t.indirect_ms;
+    light += t.light;
     visibility_ms += t.visibility_ms;
     draw_ms += t.draw_ms;
     resolve_ms += t.resolve_ms;

@@ -101,6 +101,7 @@ FrameScene make_scene(const FrameRequest& request, const FrameSelection& selecte
       request, ViewOfGround{selected.views, scene.cached->mesh, objects, rocks}, std::nullopt, context.terrain,
       scene.radiance.direct_w_m2, cache.light_tiles(), stop);
   scene.times.indirect_ms = watch.lap_ms();
+  scene.times.light = scene.terrain_light->times();
   return scene;
 }
 

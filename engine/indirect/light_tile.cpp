@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -12,6 +13,7 @@
 #include "engine/indirect/terrain_heights.h"
 #include "engine/radiometry/earth.h"
 #include "engine/radiometry/mapped_surface.h"
+#include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
 namespace {
@@ -122,6 +124,15 @@ void set_light(const SectorLight& sectors, LightPost& post) {
 // Size of a row's view along 64 azimuths on rough ground; along 32 it is half of this.
 constexpr std::size_t kMeanViewBytes = 100000;
 
+// Adds parts of the elapsed time of all rows: those of the threads' time, rows_ms. The rest is that of gathering.
+void add_shares(const LightWork& work, double rows_ms, double elapsed_ms, LightTimes& times) {
+  const double scale = rows_ms > 0 ? elapsed_ms / rows_ms : 0;
+  times.views_ms += scale * work.views_ms;
+  times.sunlit_ms += scale * work.sunlit_ms;
+  times.bounces_ms += scale * work.bounces_ms;
+  times.gather_ms += scale * std::max(rows_ms - work.views_ms - work.sunlit_ms - work.bounces_ms, 0.0);
+}
+
 // Returns the step of the lattice of directions, for a source above a position whose vertical is `up`: 0.02 degrees,
 // doubled up to four times while it is at most 1/150 of the source's elevation.
 double lattice_step_deg(const Vec3& direction, const Vec3& up) {
@@ -199,8 +210,8 @@ struct LightTiles::Patch {
   std::size_t bytes() const { return sizeof *this + relief->bytes() + (slopes ? slopes->bytes() : 0); }
 
   // Fills row `tile_row` of a tile. Its posts are those of the relief's finest grid in `row`, from `column` on,
-  // `stride` columns apart. `keep_view`: see SlopeLight::gather().
-  void fill_row(int row, int column, int stride, bool keep_view, std::size_t tile_row, LightTile& tile,
+  // `stride` columns apart. `keep_view`, `work`: see SlopeLight::gather().
+  void fill_row(int row, int column, int stride, bool keep_view, std::size_t tile_row, LightTile& tile, LightWork& work,
                 const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
     const Eigen::Matrix3f moon_from_grids = relief->axes().transpose().cast<float>();
@@ -209,7 +220,7 @@ struct LightTiles::Patch {
       light.from.fill(Eigen::Vector3f::Zero());
       light.sky.setZero();
     }
-    if (slopes) slopes->gather(row, column, stride, row_light, stop, keep_view);
+    if (slopes) slopes->gather(row, column, stride, row_light, stop, keep_view, &work);
     MarchLanes lanes = relief->march_lanes(row, column, stride);
     alignas(64) float earth_share[kPacket] = {};
     if (earth_disc) earth_disc->shares(views, stride, lanes, earth_share);
@@ -273,7 +284,7 @@ std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& fie
 
 std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& field, const FieldPlane& plane,
                                                               std::span<const TileRows> tiles, const TileInputs& inputs,
-                                                              const StopToken& stop) {
+                                                              const StopToken& stop, LightTimes* times) {
   const FrameRequest rounded = on_lattice(inputs.request, plane.centre());
   const TileInputs rounded_inputs{inputs.terrain, rounded, inputs.tiles};
   const ContentKey light = key_of(rounded_inputs);
@@ -301,19 +312,27 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
     out.emplace_back(cached, &cached->light());
   }
   if (missing.empty()) return out;
+  Stopwatch watch;
   const std::shared_ptr<const Patch> source_patch = patch(field, plane, light, rounded_inputs, stop);
+  if (times) times->relief_ms += watch.lap_ms();
   const int stride = field.stride(), half_tiles = plane.tiles() / 2;
   // Returns the relief's row (or column) of the first post of a row (or column) of tiles.
   const auto first_post = [&](int tile_index) {
     return source_patch->relief->middle() + (tile_index - half_tiles) * FieldPlane::kTileQuads * stride;
   };
+  LightWork work;
+  std::atomic<double> rows_ms{0};
   in_parallel(missing.size(), [&](std::size_t i) {
+    Stopwatch row_watch;
     const auto [cached, tile_number, row, keep_view] = missing[i];
     const int south = first_post(tile_number / plane.tiles()), west = first_post(tile_number % plane.tiles());
     cached->ensure_row(row, [&, row = row, keep_view = keep_view](LightTile& tile) {
-      source_patch->fill_row(south + row * stride, west, stride, keep_view, static_cast<std::size_t>(row), tile, stop);
+      source_patch->fill_row(south + row * stride, west, stride, keep_view, static_cast<std::size_t>(row), tile, work,
+                             stop);
     });
+    rows_ms += row_watch.lap_ms();
   });
+  if (times) add_shares(work, rows_ms, watch.lap_ms(), *times);
   return out;
 }
 

@@ -12,6 +12,7 @@
 
 #include "dem/base/cache.h"
 #include "dem/terrain/terrain.h"
+#include "engine/frame/light_times.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/light_lanes.h"
@@ -62,9 +63,10 @@ class LightTiles {
 
   // Returns for each of the tiles one that has the requested rows. Equal arguments give equal rows, whatever is cached;
   // other rows of the tile may be written meanwhile. Parallel; throws as Terrain::block does. `plane` is the field's.
+  // `times`: adds its times; may be null.
   std::vector<std::shared_ptr<const LightTile>> get(const LightField& field, const FieldPlane& plane,
                                                     std::span<const TileRows> tiles, const TileInputs& inputs,
-                                                    const StopToken& stop);
+                                                    const StopToken& stop, LightTimes* times = nullptr);
   std::size_t bytes() const { return tiles_.bytes() + patches_.bytes() + views_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // bytes for tiles
 

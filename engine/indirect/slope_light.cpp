@@ -7,6 +7,8 @@
 #include <numbers>
 #include <utility>
 
+#include "engine/support/stopwatch.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -161,17 +163,22 @@ std::size_t SlopeLight::bytes() const {
   return sum;
 }
 
-void SlopeLight::light_square(std::size_t grid, std::size_t index, int bounces, const StopToken& stop) const {
-  const Ground& ground = ground_[grid];
-  const auto square = [&] {
-    const auto squares = static_cast<std::size_t>(ground.squares);
-    return Square(relief_, grids_[grid], grid, static_cast<int>(index / squares) * kSquare,
-                  static_cast<int>(index % squares) * kSquare);
+void SlopeLight::light_squares(std::span<const GroundView::Square> squares, int bounces, const StopToken& stop,
+                               LightWork* work) const {
+  const auto square = [&](const GroundView::Square& id) {
+    const auto side = static_cast<std::uint32_t>(ground_[id.grid].squares);
+    return Square(relief_, grids_[id.grid], id.grid, static_cast<int>(id.index / side) * kSquare,
+                  static_cast<int>(id.index % side) * kSquare);
   };
-  ground.lit[index].run([&] { light_in_sun(square(), stop); });
-  if (bounces > 1)
-    ground.glows[static_cast<std::size_t>(bounces - 2)][index].run(
-        [&] { light_by_ground(square(), bounces - 1, stop); });
+  Stopwatch watch;
+  for (const GroundView::Square& id : squares)
+    ground_[id.grid].lit[id.index].run([&] { light_in_sun(square(id), stop); });
+  if (work) work->sunlit_ms += watch.lap_ms();
+  if (bounces == 1) return;
+  for (const GroundView::Square& id : squares)
+    ground_[id.grid].glows[static_cast<std::size_t>(bounces - 2)][id.index].run(
+        [&] { light_by_ground(square(id), bounces - 1, stop); });
+  if (work) work->bounces_ms += watch.lap_ms();
 }
 
 // The square's own grid and the coarser ones cast shadows on it.
@@ -261,7 +268,8 @@ double SlopeLight::reflected(double mu0, double mu, double cos_phase, double alb
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
   const Ground& ground = ground_.front();
-  light_square(0, static_cast<std::size_t>(row / kSquare * ground.squares + column / kSquare), source_.bounces, stop);
+  const GroundView::Square square{0, static_cast<std::uint32_t>(row / kSquare * ground.squares + column / kSquare)};
+  light_squares({&square, 1}, source_.bounces, stop);
   const GroundLight& light = ground.light;
   const std::size_t post =
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
@@ -343,7 +351,7 @@ std::shared_ptr<const GroundView> SlopeLight::view_of(const Gatherers& gatherers
 }
 
 void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounces, bool keep_view, ArrivingLight& out,
-                        const StopToken& stop) const {
+                        const StopToken& stop, LightWork* work) const {
   const std::span<const GridView> grids = std::span(grids_).subspan(gatherers.grid);
   AzimuthLanes directions;
   for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
@@ -351,8 +359,10 @@ void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounc
     const Vec3 up = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
     for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(up[k]);
   }
+  Stopwatch watch;
   const std::shared_ptr<const GroundView> view = view_of(gatherers, lanes, directions, keep_view, stop);
-  for (const GroundView::Square& square : view->squares) light_square(square.grid, square.index, bounces, stop);
+  if (work) work->views_ms += watch.lap_ms();
+  light_squares(view->squares, bounces, stop, work);
   std::copy_n(&view->sky[0][0], 3 * kPacket, &out.sky[0][0]);
   VisibleSegment segment;
   SegmentLight light;
@@ -379,12 +389,12 @@ void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounc
 }
 
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop,
-                        bool keep_view) const {
+                        bool keep_view, LightWork* work) const {
   MarchLanes lanes = relief_.march_lanes(row, column, stride);
   ArrivingLight arriving;
   // Rows of posts alternate between azimuths at 1/4 and at 3/4 of the step, halfway between each other.
   gather({0, row, column, stride, false, {azimuths_, row / stride % 2 ? 0.75 : 0.25}}, lanes, source_.bounces,
-         keep_view, arriving, stop);
+         keep_view, arriving, stop, work);
   const Eigen::Matrix3f moon_from_grids = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
     const auto in_moon_axes = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {

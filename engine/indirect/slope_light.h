@@ -7,6 +7,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <functional>
 #include <memory>
 #include <span>
@@ -78,6 +79,11 @@ struct GroundViewStore {
   ContentKey relief{};
 };
 
+// Time that threads spend on parts of the light at posts (LightTimes), ms. Thread-safe.
+struct LightWork {
+  std::atomic<double> views_ms{0}, sunlit_ms{0}, bounces_ms{0};
+};
+
 // Light on a relief's ground, and from there at its posts. Thread-safe. Ground is lit on demand, because each cell
 // needs a march of its own.
 class SlopeLight {
@@ -87,9 +93,9 @@ class SlopeLight {
 
   // Gathers the light at sixteen posts of the relief's finest grid, `stride` (1, 2 or 4) columns apart, within
   // ReliefShape::half_m of its centre. Zero without data. `keep_view`: store the posts' view of the ground; the result
-  // does not depend on it.
+  // does not depend on it. `work`: adds its times; may be null.
   void gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop,
-              bool keep_view = false) const;
+              bool keep_view = false, LightWork* work = nullptr) const;
 
   // Returns the light that the ground itself reflects at a post of the finest grid, W m-2: pi times its radiance to the
   // zenith.
@@ -133,12 +139,13 @@ class SlopeLight {
   void set_squares(std::size_t first_grid, GroundView& view) const;
   // Gathers light of up to this number of bounces.
   void gather(const Gatherers& gatherers, MarchLanes& lanes, int bounces, bool keep_view, ArrivingLight& out,
-              const StopToken& stop) const;
+              const StopToken& stop, LightWork* work = nullptr) const;
   // Returns mu0 f_r of the ground. `albedo`: the map's factor or w; 1 without a map.
   double reflected(double mu0, double mu, double cos_phase, double albedo) const;
-  // Lights a square of cells, unless it is lit: by the Sun, and by other ground for light of up to this number of
+  // Lights squares of cells, unless they are lit: by the Sun, and by other ground for light of up to this number of
   // bounces.
-  void light_square(std::size_t grid, std::size_t index, int bounces, const StopToken& stop) const;
+  void light_squares(std::span<const GroundView::Square> squares, int bounces, const StopToken& stop,
+                     LightWork* work = nullptr) const;
   // Sets normals, albedo and visible share of the Sun's disc in a square of cells.
   void light_in_sun(const Square& square, const StopToken& stop) const;
   // Sets the square's glow: the light of other ground, of up to this number of bounces, that it reflects.

@@ -32,7 +32,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
   std::size_t next_tile = 0;  // index in tiles_ of the field's first tile
   for (const FieldsInView::Field& field : fields.fields) {
     stop.check();
-    auto light_tiles = tiles.get(field.id, field.plane, field.tiles, {terrain, request, fields.tiles()}, stop);
+    auto light_tiles = tiles.get(field.id, field.plane, field.tiles, {terrain, request, fields.tiles()}, stop, &times_);
     const auto side = static_cast<std::size_t>(field.plane.tiles());
     Field& new_field = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(light_tiles.size(), [&](std::size_t i) {

@@ -42,6 +42,8 @@ class TerrainLight {
   // Largest share V of its hemisphere that a post in view sees as ground. Light that is reflected more than n times is
   // at most (a V)^n / (1 - a V) of the largest irradiance from terrain, with albedo a.
   double max_ground_view() const { return max_ground_view_; }
+  // Returns the times of gathering.
+  const LightTimes& times() const { return times_; }
 
   // Light at a position near the mesh, as on an object: above the ground, with light from below.
   struct ObjectLight {
@@ -75,6 +77,7 @@ class TerrainLight {
   const Mesh& mesh_;
   LightSources sources_;
   double max_ground_view_ = 0;
+  LightTimes times_;
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;
   // Index of the field of each block of the mesh, and of the field below each object; -1: none.

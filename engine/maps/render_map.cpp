@@ -250,13 +250,14 @@ class MapDrawing {
                          context_.stop);
     Stopwatch watch;
     StageTimes spent;
+    const double earlier_indirect_ms = out_.times.indirect_ms;
     {  // releases the scene before it is forgotten
       const std::shared_ptr<const Scene> scene = context_.cache.scene(content, context_.stop);
       spent.build_ms = watch.lap_ms();
       trace(patch, directions, above, selection, *scene);
       report(selection, *scene);
     }
-    spent.visibility_ms = watch.lap_ms();
+    spent.visibility_ms = watch.lap_ms() - (out_.times.indirect_ms - earlier_indirect_ms);
     context_.cache.speed(Visibility::raytrace).learn(work, spent);
     out_.times.build_ms += spent.build_ms;
     out_.times.visibility_ms += spent.visibility_ms;
@@ -275,12 +276,15 @@ class MapDrawing {
     const EachSample each;
     std::optional<TerrainLight> indirect;
     if (wants_indirect(frame_)) {
+      Stopwatch watch;
       std::optional<Vec3> viewer_m;
       if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
       indirect.emplace(frame_,
                        ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
                        viewer_m, context_.terrain, radiance_.direct_w_m2, context_.cache.light_tiles(), context_.stop);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->max_ground_view());
+      out_.times.indirect_ms += watch.lap_ms();
+      out_.times.light += indirect->times();
     }
     const FrameJob job{
         frame_, above, scene, objects, radiance_, lens, context_.stop, each, indirect ? &*indirect : nullptr};

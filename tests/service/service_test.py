@@ -86,7 +86,8 @@ class Frames(WithService):
 
     # Compares times of one answer with each other. A stage that is counted twice makes the sum too large.
     def test_stages_add_up_to_the_total(self):
-        parts = {"pyramid", "load", "draw", "resolve", "shadow", "touch", "total"}
+        light = {"relief", "views", "sunlit", "bounces", "gather"}
+        parts = {"pyramid", "load", "draw", "resolve", "shadow", "touch", "total"} | light
         sensor = {"optics": {"f_number": 4.0},
                   "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.02, "gain_e_dn": 50.0}}
         exposed = {"band": {"center_um": 0.65, "width_um": 0.2}, "sensor": sensor}
@@ -97,11 +98,12 @@ class Frames(WithService):
         calls = {
             "z-buffer": ("/v1/frames", frame_request(["radiance"], 256, 256, visibility="zbuffer")),
             "ray tracing": ("/v1/frames", frame_request(["radiance"], 256, 256, visibility="raytrace")),
-            "indirect": ("/v1/frames", frame_request(["radiance"], 64, 64, indirect={"terrain": True})),
+            "indirect": ("/v1/frames", frame_request(["radiance"], 64, 64, indirect={"terrain": True, "bounces": 2})),
             "sensor": ("/v1/frames", frame_request(["image"], 256, 256, **exposed)),
             "motion": ("/v1/frames", frame_request(["image"], 128, 128, **moving)),
             "cameras": ("/v1/frames", {"sun": frame_request()["sun"], "cameras": {"a": camera, "b": camera}}),
             "map": ("/v1/maps", {"map": grid, "sun": frame_request()["sun"]}),
+            "indirect map": ("/v1/maps", {"map": grid, "sun": frame_request()["sun"], "indirect": {"terrain": True}}),
         }
         for name, (path, request) in calls.items():
             with self.subTest(name):
@@ -110,7 +112,13 @@ class Frames(WithService):
                 times = {stage: float(ms) for stage, ms in re.findall(r"(\w+);dur=([0-9.]+)", headers["Server-Timing"])}
                 stages = {stage: ms for stage, ms in times.items() if stage not in parts}
                 self.assertLessEqual({"queue", "parse", "select", "build", "visibility", "encode", "other"}, stages.keys())
-                self.assertEqual(stages.get("indirect", 0) > 0, name == "indirect")
+                self.assertEqual(stages["indirect"] > 0, "indirect" in name)
+                self.assertEqual(light <= times.keys(), "indirect" in name)
+                if "indirect" in name:
+                    gathered = sum(times[part] for part in light)
+                    self.assertTrue(0.5 * times["indirect"] < gathered <= 1.01 * times["indirect"], times)
+                    self.assertEqual(times["bounces"] > 0, name == "indirect", times)
+                    self.assertGreater(min(times[part] for part in light - {"bounces"}), 0, times)
                 self.assertAlmostEqual(sum(stages.values()) / times["total"], 1, delta=0.03, msg=times)
 
     def test_ranges_are_ignored(self):
