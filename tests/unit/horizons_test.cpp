@@ -249,7 +249,7 @@ TEST(DiscShares, OfALevelHorizon) {
         const BodyEpoch body{sun_direction(axes, 359.8, horizon_deg - z * kRadius_deg), 1e15,
                              kRadius_deg * kRadiansPerDegree};
         std::vector<float> share(kPacket);
-        find_disc_shares(level.packet, disc_with(limb_darkening), {&body, 1}, share.data());
+        find_disc_shares(level.packet, disc_with(limb_darkening), BodyTrack({&body, 1}), share.data());
         const double truth = share_above(z, limb_darkening);
         for (const float found : share) EXPECT_NEAR(found, truth, 0.005) << z;
       }
@@ -261,7 +261,7 @@ TEST(DiscShares, ParallaxLowersTheEarth) {
   const double distance_m = 3.844e8, parallax_deg = std::asin(kMoonRadius_m / distance_m) * kDegreesPerRadian;
   const BodyEpoch body{sun_direction(axes, 45, parallax_deg), distance_m, 0.016};
   std::vector<float> share(kPacket);
-  find_disc_shares(level.packet, disc_with(0), {&body, 1}, share.data());
+  find_disc_shares(level.packet, disc_with(0), BodyTrack({&body, 1}), share.data());
   EXPECT_NEAR(share[3], 0.5, 0.01);
 }
 
@@ -271,7 +271,7 @@ TEST(DiscShares, AHorizonWithoutDataHasNone) {
   level.packet.index[7] = -1;
   const BodyEpoch body{sun_direction(local_axes(kSite), 45, 20), 1e15, 0.005};
   std::vector<float> share(kPacket);
-  find_disc_shares(level.packet, disc_with(0), {&body, 1}, share.data());
+  find_disc_shares(level.packet, disc_with(0), BodyTrack({&body, 1}), share.data());
   EXPECT_TRUE(std::isnan(share[5]));
   EXPECT_TRUE(std::isnan(share[7]));
   EXPECT_EQ(share[4], 1);
