@@ -52,8 +52,8 @@ HWY_INLINE LocalPosition PositionOf(DiscLanes d, DiscVector east, DiscVector nor
 // Shares of one packet at all epochs.
 class PacketShares {
  public:
-  PacketShares(const PacketHorizons& horizons, const Disc& disc, std::span<const BodyEpoch> epochs)
-      : horizons_(horizons), disc_(disc), epochs_(epochs) {
+  PacketShares(const PacketHorizons& horizons, const Disc& disc, const BodyTrack& track)
+      : horizons_(horizons), disc_(disc), track_(track), epochs_(track.epochs) {
     const int first = static_cast<int>(
         std::find_if(horizons.index, horizons.index + kPacket, [](int i) { return i >= 0; }) - horizons.index);
     for (int i = 0; i < kPacket; ++i) {
@@ -70,7 +70,7 @@ class PacketShares {
   }
 
   void find(float* share) const {
-    for (std::size_t e = 0; e < epochs_.size(); ++e) find(epochs_[e], share + e * kPacket);
+    for (std::size_t e = 0; e < epochs_.size(); e += kDiscLanes) find_group(e, share);
     for (int i = 0; i < kPacket; ++i)
       if (horizons_.index[i] < 0)
         for (std::size_t e = 0; e < epochs_.size(); ++e)
@@ -104,10 +104,9 @@ class PacketShares {
         high[a] = std::isnan(h) ? std::numeric_limits<float>::infinity() : std::max(high[a], h);
       }
     }
-    double radius_rad = 0;
-    for (const BodyEpoch& epoch : epochs_) radius_rad = std::max(radius_rad, epoch.radius_rad);
     const double steps_per_rad = horizons_.azimuths / (2 * std::numbers::pi);
-    const double reach = (radius_rad / std::cos(kSteep_deg * kRadiansPerDegree) + 2 * turn_rad_) * steps_per_rad + 2;
+    const double reach =
+        (track_.max_radius_rad / std::cos(kSteep_deg * kRadiansPerDegree) + 2 * turn_rad_) * steps_per_rad + 2;
     const int steps = static_cast<int>(std::min<double>(reach, horizons_.azimuths));
     low_ = low;
     high_ = high;
@@ -119,23 +118,44 @@ class PacketShares {
       }
   }
 
-  // Sets the shares at an epoch: 0 or 1 where the disc is below or above all horizons near its azimuth.
-  void find(const BodyEpoch& epoch, float* share) const {
+  // Sets the shares at kDiscLanes epochs: 0 or 1 where the disc is below or above all horizons near its azimuth.
+  void find_group(std::size_t first, float* share) const {
+    const DiscLanes d;
+    const hn::Rebind<std::int32_t, DiscLanes> di;
     const EastNorthUp& axes = horizons_.axes[first_];
-    const double east = axes.east.dot(epoch.direction), north = axes.north.dot(epoch.direction);
-    const double up = axes.up.dot(epoch.direction) - horizons_.radius_m[first_] / epoch.distance_m;
-    const double level = std::sqrt(east * east + north * north);
-    const float elevation_deg = static_cast<float>(std::atan2(up, level) * kDegreesPerRadian);
-    if (std::abs(elevation_deg) < static_cast<float>(kSteep_deg)) {
-      const double steps = std::atan2(east, north) * horizons_.azimuths / (2 * std::numbers::pi);
-      const auto azimuth =
-          static_cast<std::size_t>((static_cast<int>(std::floor(steps)) + horizons_.azimuths) % horizons_.azimuths);
-      constexpr double kMargin_deg = 0.001;
-      const auto radius_deg = static_cast<float>((epoch.radius_rad + tilt_rad_) * kDegreesPerRadian + kMargin_deg);
-      if (elevation_deg - radius_deg > high_[azimuth]) return std::fill(share, share + kPacket, 1.F);
-      if (elevation_deg + radius_deg < low_[azimuth]) return std::fill(share, share + kPacket, 0.F);
+    const DiscVector x = hn::LoadU(d, &track_.x[first]), y = hn::LoadU(d, &track_.y[first]),
+                     z = hn::LoadU(d, &track_.z[first]);
+    const auto along = [&](const Vec3& axis) {
+      const auto component = [&](int i, DiscVector v) { return hn::Mul(hn::Set(d, static_cast<float>(axis[i])), v); };
+      return hn::Add(hn::Add(component(0, x), component(1, y)), component(2, z));
+    };
+    const DiscVector parallax =
+        hn::Mul(hn::Set(d, static_cast<float>(horizons_.radius_m[first_])), hn::LoadU(d, &track_.per_m[first]));
+    const auto steps_per_rad = static_cast<float>(horizons_.azimuths / (2 * std::numbers::pi));
+    const LocalPosition body =
+        PositionOf(d, along(axes.east), along(axes.north), hn::Sub(along(axes.up), parallax), steps_per_rad);
+    // The bounds include neighbouring azimuths, so that rounding to one of them does no harm.
+    const auto azimuth = hn::Min(hn::ConvertTo(di, body.azimuth_steps), hn::Set(di, horizons_.azimuths - 1));
+    constexpr double kMargin_deg = 0.001;
+    const DiscVector radius = hn::Add(hn::LoadU(d, &track_.radius_deg[first]),
+                                      hn::Set(d, static_cast<float>(tilt_rad_ * kDegreesPerRadian + kMargin_deg)));
+    const auto is_level = hn::Lt(hn::Abs(body.elevation_deg), hn::Set(d, static_cast<float>(kSteep_deg)));
+    const auto is_lit =
+        hn::And(is_level, hn::Gt(hn::Sub(body.elevation_deg, radius), hn::GatherIndex(d, high_.data(), azimuth)));
+    const auto is_dark =
+        hn::And(is_level, hn::Lt(hn::Add(body.elevation_deg, radius), hn::GatherIndex(d, low_.data(), azimuth)));
+    constexpr float kPartly = -1;
+    alignas(64) float uniform_share[kPacket];
+    hn::Store(hn::IfThenElse(is_lit, hn::Set(d, 1.F), hn::IfThenElse(is_dark, hn::Zero(d), hn::Set(d, kPartly))), d,
+              uniform_share);
+    const std::size_t count = std::min<std::size_t>(kDiscLanes, epochs_.size() - first);
+    for (std::size_t i = 0; i < count; ++i) {
+      float* out = share + (first + i) * kPacket;
+      if (uniform_share[i] == kPartly)
+        find_partly(epochs_[first + i], out);
+      else
+        std::fill(out, out + kPacket, uniform_share[i]);
     }
-    find_partly(epoch, share);
   }
 
   // Sets the shares by strips.
@@ -188,8 +208,15 @@ class PacketShares {
     const auto lane = hn::Iota(di, first_lane);
     const auto element = [&](auto azimuth) { return hn::Add(hn::ShiftLeft<4>(azimuth), lane); };
     static_assert(kPacket == 16);
-    const DiscVector a = hn::GatherIndex(d, horizons_.elevation_deg.data(), element(from));
-    const DiscVector b = hn::GatherIndex(d, horizons_.elevation_deg.data(), element(next));
+    const float* elevations = horizons_.elevation_deg.data();
+    DiscVector a, b;
+    if (const auto common = hn::GetLane(from); hn::AllTrue(di, hn::Eq(from, hn::Set(di, common)))) {
+      a = hn::LoadU(d, elevations + common * kPacket + first_lane);
+      b = hn::LoadU(d, elevations + hn::GetLane(next) * kPacket + first_lane);
+    } else {
+      a = hn::GatherIndex(d, elevations, element(from));
+      b = hn::GatherIndex(d, elevations, element(next));
+    }
     return hn::Add(a, hn::Mul(hn::Sub(wrapped, hn::ConvertTo(d, from)), hn::Sub(b, a)));
   }
 
@@ -197,6 +224,7 @@ class PacketShares {
 
   const PacketHorizons& horizons_;
   const Disc& disc_;
+  const BodyTrack& track_;
   std::span<const BodyEpoch> epochs_;
   LaneFrames frames_;
   int first_ = 0;
@@ -205,8 +233,29 @@ class PacketShares {
 };
 
 // Implements find_disc_shares().
-void FindDiscShares(const PacketHorizons& horizons, const Disc& disc, std::span<const BodyEpoch> epochs, float* share) {
-  PacketShares(horizons, disc, epochs).find(share);
+void FindDiscShares(const PacketHorizons& horizons, const Disc& disc, const BodyTrack& track, float* share) {
+  PacketShares(horizons, disc, track).find(share);
+}
+
+// Implements find_dark_runs().
+DarkRuns FindDarkRuns(std::span<const float> share) {
+  const DiscLanes d;
+  DarkRuns runs;
+  const DiscVector zero = hn::Zero(d), unity = hn::Set(d, 1.F);
+  for (int i = 0; i < kPacket; i += kDiscLanes) {
+    DiscVector sum = zero, length = zero, longest = zero, count = zero;
+    for (std::size_t e = static_cast<std::size_t>(i); e < share.size(); e += kPacket) {
+      const DiscVector value = hn::LoadU(d, &share[e]);
+      sum = hn::Add(sum, value);
+      length = hn::IfThenElse(hn::Gt(value, zero), zero, hn::Add(length, unity));
+      count = hn::Add(count, hn::IfThenElseZero(hn::Eq(length, unity), unity));
+      longest = hn::Max(longest, length);
+    }
+    hn::StoreU(sum, d, runs.sum + i);
+    hn::StoreU(longest, d, runs.longest + i);
+    hn::StoreU(count, d, runs.count + i);
+  }
+  return runs;
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -246,12 +295,27 @@ Disc disc_with(double limb_darkening) {
   return disc;
 }
 
-HWY_EXPORT(FindDiscShares);
-
-void find_disc_shares(const PacketHorizons& horizons, const Disc& disc, std::span<const BodyEpoch> epochs,
-                      float* share) {
-  HWY_DYNAMIC_DISPATCH(FindDiscShares)(horizons, disc, epochs, share);
+BodyTrack::BodyTrack(std::span<const BodyEpoch> at) : epochs(at) {
+  for (std::vector<float>* values : {&x, &y, &z, &per_m, &radius_deg}) values->resize(epochs.size() + kPacket);
+  for (std::size_t e = 0; e < epochs.size(); ++e) {
+    const BodyEpoch& epoch = epochs[e];
+    x[e] = static_cast<float>(epoch.direction.x());
+    y[e] = static_cast<float>(epoch.direction.y());
+    z[e] = static_cast<float>(epoch.direction.z());
+    per_m[e] = static_cast<float>(1 / epoch.distance_m);
+    radius_deg[e] = static_cast<float>(epoch.radius_rad * kDegreesPerRadian);
+    max_radius_rad = std::max(max_radius_rad, epoch.radius_rad);
+  }
 }
+
+HWY_EXPORT(FindDiscShares);
+HWY_EXPORT(FindDarkRuns);
+
+void find_disc_shares(const PacketHorizons& horizons, const Disc& disc, const BodyTrack& track, float* share) {
+  HWY_DYNAMIC_DISPATCH(FindDiscShares)(horizons, disc, track, share);
+}
+
+DarkRuns find_dark_runs(std::span<const float> share) { return HWY_DYNAMIC_DISPATCH(FindDarkRuns)(share); }
 
 }  // namespace selenograph::engine
 #endif

@@ -22,6 +22,17 @@ struct BodyEpoch {
   double radius_rad;
 };
 
+// The epochs of a body as arrays for vectors, which may read past the end of the epochs.
+struct BodyTrack {
+  explicit BodyTrack(std::span<const BodyEpoch> epochs);
+
+  std::span<const BodyEpoch> epochs;
+  std::vector<float> x, y, z;  // of the direction
+  std::vector<float> per_m;    // 1 / distance
+  std::vector<float> radius_deg;
+  double max_radius_rad = 0;
+};
+
 // A disc in vertical strips of equal width.
 struct Disc {
   static constexpr int kStrips = 12;
@@ -34,7 +45,13 @@ struct Disc {
 Disc disc_with(double limb_darkening);
 
 // Sets share[epoch * kPacket + lane] to the visible share of the disc's light. A lane without horizons has NaN.
-void find_disc_shares(const PacketHorizons& horizons, const Disc& disc, std::span<const BodyEpoch> epochs,
-                      float* share);
+void find_disc_shares(const PacketHorizons& horizons, const Disc& disc, const BodyTrack& track, float* share);
+
+// Sums of shares over epochs, and runs of epochs without light, for each lane. A share of NaN counts as dark.
+struct DarkRuns {
+  float sum[kPacket] = {}, longest[kPacket] = {}, count[kPacket] = {};
+};
+// Returns the runs of share[epoch * kPacket + lane].
+DarkRuns find_dark_runs(std::span<const float> share);
 
 }  // namespace selenograph::engine

@@ -14,26 +14,6 @@ namespace {
 constexpr double kLimbDarkening = 0.6;      // of the Sun, as in frames
 constexpr double kEarthRadius_m = 6371000;  // mean radius
 
-// Statistics of one body at sixteen places.
-struct Run {
-  float sum[kPacket] = {}, length[kPacket] = {}, longest[kPacket] = {}, count[kPacket] = {};
-  void add(const float* share) {
-    for (int i = 0; i < kPacket; ++i) {
-      sum[i] += share[i];
-      const float length_now = share[i] > 0 ? 0 : length[i] + 1;
-      count[i] += length_now == 1 ? 1.F : 0.F;
-      longest[i] = std::max(longest[i], length_now);
-      length[i] = length_now;
-    }
-  }
-};
-
-Run run_of(const std::vector<float>& share) {
-  Run run;
-  for (std::size_t e = 0; e < share.size(); e += kPacket) run.add(&share[e]);
-  return run;
-}
-
 void allocate(std::size_t places, Illumination& out) {
   for (std::vector<float>* values :
        {&out.sun_mean, &out.earth_mean, &out.longest_night_h, &out.nights, &out.longest_without_earth_h})
@@ -49,14 +29,19 @@ struct PacketLight {
 class IlluminationSearch {
  public:
   IlluminationSearch(const BodySeries& bodies, Illumination& out)
-      : bodies_(bodies), sun_disc_(disc_with(kLimbDarkening)), earth_disc_(disc_with(0)), out_(out) {}
+      : bodies_(bodies),
+        sun_(bodies.sun),
+        earth_(bodies.earth),
+        sun_disc_(disc_with(kLimbDarkening)),
+        earth_disc_(disc_with(0)),
+        out_(out) {}
 
   PacketLight find(const PacketHorizons& packet) const {
     PacketLight light{std::vector<float>(bodies_.sun.size() * kPacket),
                       std::vector<float>(bodies_.earth.size() * kPacket)};
-    find_disc_shares(packet, sun_disc_, bodies_.sun, light.sun.data());
-    find_disc_shares(packet, earth_disc_, bodies_.earth, light.earth.data());
-    const Run sun = run_of(light.sun), earth = run_of(light.earth);
+    find_disc_shares(packet, sun_disc_, sun_, light.sun.data());
+    find_disc_shares(packet, earth_disc_, earth_, light.earth.data());
+    const DarkRuns sun = find_dark_runs(light.sun), earth = find_dark_runs(light.earth);
     const auto epochs = static_cast<float>(bodies_.sun.size());
     const auto hours = static_cast<float>(bodies_.step_s / 3600);
     for (std::size_t i = 0; i < kPacket; ++i) {
@@ -75,6 +60,7 @@ class IlluminationSearch {
 
  private:
   const BodySeries& bodies_;
+  BodyTrack sun_, earth_;
   Disc sun_disc_, earth_disc_;
   Illumination& out_;
 };
