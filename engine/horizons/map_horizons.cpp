@@ -117,7 +117,7 @@ class HorizonSearch {
   }
   const dem::Terrain& terrain() const { return context_.terrain; }
   static bool fits(const HorizonReliefShape& shape) {
-    constexpr double kMaxPosts = 9e7;  // with their tables, 0.9 GB
+    constexpr double kMaxPosts = 6e7;  // with their tables, 0.6 GB
     return posts_of(shape) <= kMaxPosts;
   }
 
