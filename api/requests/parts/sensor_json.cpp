@@ -455,12 +455,13 @@ void check_sensor_with_shutter(const JsonReader& in, const engine::SensorModel& 
   if (sensor.detector.smear_time_s > 0)
     model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
   if (!shutter.pushbroom) return;
-  if (sensor.detector.blooming)
-    model.at("detector").fail("blooming", "with a pushbroom: neighbouring rows of its image are not on its detector");
-  const std::string reason = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
+  const std::string why =
+      "must be left out (or null, if a preset has it) with a pushbroom: neighbouring rows of its image are not "
+      "neighbours on the detector";
+  if (sensor.detector.blooming) model.at("detector").fail("blooming", why);
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
-    model.at("optics").fail("point_spread", "must be left out " + reason);
-  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + reason);
+    model.at("optics").fail("point_spread", why);
+  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", why);
 }
 
 }  // namespace
