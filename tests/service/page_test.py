@@ -294,7 +294,7 @@ class InABrowser(unittest.TestCase):
                 (check("disc"), "sun", {"angular_radius_deg": "sun"}),
                 (lambda: self.set("detail", "highlands"), "detail", "highlands"),
                 (check("indirect"), "indirect", {"terrain": True, "earth": False}),
-                (check("sensor"), "sensor", {"exposure": {"target_fill": 0.8}})):
+                (check("sensor"), "sensor", {"exposure": {"target_fill": 0.8, "longest_s": 0.2}})):
             self.assertTrue(self.changes(act), member)
             asked = self.browser.execute_script("return asked")[member]
             self.assertEqual({k: asked[k] for k in value} if isinstance(value, dict) else asked, value)
@@ -403,7 +403,7 @@ class InABrowser(unittest.TestCase):
             return values.filter((_, i) => i % 4 === 0).sort()[Math.floor(values.length / 4 * 0.99)]"""
         self.changes(lambda: self.browser.find_element(By.ID, "sensor").click())
         self.assertGreater(self.browser.execute_script(brightest), 200)
-        self.changes(lambda: self.set("sun_elevation_deg_number", "-5"))
+        self.changes(lambda: self.set("sun_elevation_deg_number", "-15"))
         self.assertLess(self.browser.execute_script(brightest), 30)
 
     def test_each_product_is_shown(self):
