@@ -124,17 +124,11 @@ HWY_INLINE CellCorners PatchCells(Sixteen d, const MarchGrid& grid, Lanes column
 
 HWY_INLINE Lanes Between(Lanes from, Lanes to, Lanes share) { return hn::Add(from, hn::Mul(share, hn::Sub(to, from))); }
 
-// Bounds of segments, or of parts, as arrays for vectors: a packet tests kLanes of them at once, with the cell of a
-// table around its middle that covers all its places. A packet whose places are far apart beside a segment tests it
-// again with a cell for each lane, of `lane_tables`; null where the common cell is tight enough.
-struct BoundRows {
-  std::vector<float> middle_m, tan_middle;            // as in MarchSegment
-  std::vector<float> cells_per_m, cell_middle, side;  // of the table
-  std::vector<const float*> highest;                  // of the table, or a single value
-  std::vector<float> near_rise_per_m, far_rise_per_m, to_exceed;
-  std::vector<const HighestPosts*> lane_tables;
-
-  std::size_t size() const { return lane_tables.size(); }
+// The highest ground of a segment is that of a table's cell for the whole packet or, where its places are far apart for
+// the segment's length, of a cell for each lane. Without a table it is the grid's highest post.
+struct Bound {
+  const HighestPosts* table;
+  bool of_lanes;
 };
 
 // Means of reading the cells below sixteen places. All give the same heights.
@@ -145,7 +139,7 @@ enum class Reader {
 };
 
 struct ChosenTables {
-  BoundRows segments, parts;
+  std::vector<Bound> segments, parts;
   Reader near_reader;           // of the samples before the first segment
   std::vector<Reader> readers;  // of the segments
 };
@@ -160,58 +154,28 @@ PacketMiddle MiddleOf(const MarchPlaces& places) {
   return {(*west + *east) / 2, (*south + *north) / 2, std::max(*east - *west, *north - *south) / 2};
 }
 
-// Returns the smallest table of a grid that reaches so far; null if none does.
-const HighestPosts* TableFor(const std::vector<HighestPosts>& tables, float extent_posts) {
-  const auto table = std::find_if(tables.begin(), tables.end(),
-                                  [&](const HighestPosts& t) { return t.reach_posts() >= extent_posts; });
-  return table == tables.end() ? nullptr : &*table;
-}
-
-// Appends the bound of a segment for places within half_m of a packet's middle, which turn from its direction by
-// `turn`.
-void AddBound(const MarchPlan& plan, const MarchSegment& segment, float half_m, float turn, BoundRows& rows) {
-  const auto index = static_cast<std::size_t>(segment.grid);
-  const MarchGrid& grid = plan.grids[index];
-  const float apart_m = half_m + turn * segment.far_m;
-  // A position reads the posts around it; one more is a margin for rounding.
-  constexpr float kMargin_posts = 2;
-  const auto table_for = [&](float extent_m) {
-    return TableFor(plan.highest[index], extent_m * grid.posts_per_m + kMargin_posts);
-  };
-  const HighestPosts* table = table_for(segment.half_m + apart_m);
-  constexpr float kFarApart = 0.5F;  // over half the segment's length
-  const HighestPosts* lane_table = apart_m > kFarApart * segment.half_m ? table_for(segment.half_m) : nullptr;
-  const float cells_per_post = table ? std::ldexp(1.F, -table->cell_log2) : 0;
-  rows.middle_m.push_back(segment.middle_m);
-  rows.tan_middle.push_back(segment.tan_middle);
-  rows.cells_per_m.push_back(grid.posts_per_m * cells_per_post);
-  rows.cell_middle.push_back(grid.middle * cells_per_post);
-  rows.side.push_back(table ? static_cast<float>(table->side) : 0);
-  rows.highest.push_back(table ? table->heights.data() : &grid.highest_m);
-  rows.near_rise_per_m.push_back(segment.near_rise_per_m);
-  rows.far_rise_per_m.push_back(segment.far_rise_per_m);
-  constexpr auto kTolerance = static_cast<float>(kHorizonTolerance_deg * kRadiansPerDegree);
-  rows.to_exceed.push_back(segment.near_drop + kTolerance);
-  rows.lane_tables.push_back(lane_table);
-}
-
-BoundRows BoundsOf(const MarchPlan& plan, const std::vector<MarchSegment>& segments, float half_m, float turn) {
-  BoundRows rows;
-  for (const MarchSegment& segment : segments) AddBound(plan, segment, half_m, turn, rows);
-  // Repeat the last one, so that vectors may read past the end.
-  for (int i = 0; i < kPacket && !segments.empty(); ++i) AddBound(plan, segments.back(), half_m, turn, rows);
-  return rows;
-}
-
-// Chooses for each segment its reader and its bound, for any of the packets.
+// Chooses for each segment its reader and the smallest table that covers it, from anywhere in any of the packets or
+// from its lane.
 ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> packets) {
-  float turn = 0, half_m = 0;
+  float spread_m = 0, turn = 0, half_m = 0;
   bool on_lattice = true;
   for (const MarchPlaces& places : packets) {
     half_m = std::max(half_m, MiddleOf(places).half_m);
     on_lattice = on_lattice && places.on_lattice;
+    spread_m = std::max(spread_m, places.spread_m);
     turn = std::max(turn, places.turn);
   }
+  const auto table_of = [&](const MarchSegment& segment) -> Bound {
+    const auto grid = static_cast<std::size_t>(segment.grid);
+    constexpr float kFarApart = 0.5F;  // over half the segment's length
+    const float apart_m = spread_m + turn * segment.far_m;
+    const bool of_lanes = apart_m > kFarApart * segment.half_m;
+    // A position reads the posts around it; one more is a margin for rounding.
+    const float extent_posts = (segment.half_m + (of_lanes ? 0 : apart_m)) * plan.grids[grid].posts_per_m + 2;
+    for (const HighestPosts& table : plan.highest[grid])
+      if (table.reach_posts() >= extent_posts) return {&table, of_lanes};
+    return {nullptr, false};
+  };
   const auto reader_of = [&](int grid_index, float far_m) {
     const MarchGrid& grid = plan.grids[static_cast<std::size_t>(grid_index)];
     const float turn_posts = turn * far_m * grid.posts_per_m;
@@ -226,34 +190,16 @@ ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> pa
   tables.near_reader =
       reader_of(0, plan.near_samples > 0 ? plan.samples[static_cast<std::size_t>(plan.near_samples) - 1].plane_m : 0);
   for (const MarchSegment& segment : plan.segments) tables.readers.push_back(reader_of(segment.grid, segment.far_m));
-  // A place turns from the mean of the first and the last one by at most this share of `turn`.
-  constexpr float kFromMean = 1.5F;
-  tables.segments = BoundsOf(plan, plan.segments, half_m, kFromMean * turn);
-  tables.parts = BoundsOf(plan, plan.parts, half_m, kFromMean * turn);
+  for (const MarchSegment& segment : plan.segments) tables.segments.push_back(table_of(segment));
+  for (const MarchSegment& part : plan.parts) tables.parts.push_back(table_of(part));
   return tables;
 }
-
-// Upper bounds of the tangents of ground in a run of segments or parts, less the tolerance, for the lowest of a
-// packet's places; and the highest ground there. Vectors write past the end of the run.
-struct Bounds {
-  explicit Bounds(std::size_t max_run) : tangent(max_run + kPacket), top(max_run + kPacket), cell(max_run + kPacket) {}
-  std::vector<float> tangent, top;
-  std::vector<std::int32_t> cell;
-};
-// Working memory of marches, which take turns.
-struct FoundBounds {
-  Bounds segments, parts;
-  explicit FoundBounds(const MarchPlan& plan) : segments(plan.segments.size()), parts(plan.parts.size()) {}
-};
 
 // The march of sixteen places.
 class PacketMarch {
  public:
-  PacketMarch(const MarchPlan& plan, const ChosenTables& tables, const MarchPlaces& places, FoundBounds& bounds)
-      : plan_(plan), tables_(tables), places_(places), middle_(MiddleOf(places)), bounds_(bounds) {
-    for (int i = 0; i < kPacket; ++i)
-      if (places.valid[i]) lowest_m_ = std::min(lowest_m_, places.height[i]);
-  }
+  PacketMarch(const MarchPlan& plan, const ChosenTables& tables, const MarchPlaces& places)
+      : plan_(plan), tables_(tables), places_(places), middle_(MiddleOf(places)) {}
 
   // Finds the horizons at an azimuth, as tangents; kNoGround or less without any ground.
   void find(float cosine, float sine, float* tangent) {
@@ -264,11 +210,8 @@ class PacketMarch {
     // others are skipped.
     const std::size_t seed = seed_;
     if (seed < plan_.segments.size()) visit(seed);
-    find_bounds(tables_.segments, 0, plan_.segments.size(), bounds_.segments);
-    for (std::size_t i = 0; i < plan_.segments.size(); ++i) {
-      if (bounds_.segments.tangent[i] <= lowest_horizon_ || i == seed) continue;
-      if (may_rise(plan_.segments[i], tables_.segments, i, bounds_.segments.top[i]) && visit(i)) seed_ = i;
-    }
+    for (std::size_t i = 0; i < plan_.segments.size(); ++i)
+      if (i != seed && may_rise(plan_.segments[i], tables_.segments[i]) && visit(i)) seed_ = i;
     for (int i = 0; i < kPacket; ++i) tangent[i] = horizon_[i];
   }
 
@@ -320,7 +263,6 @@ class PacketMarch {
     // An infinite horizon makes all segments irrelevant to an invalid lane.
     for (int i = 0; i < kPacket; ++i)
       if (!places_.valid[i]) horizon_[i] = std::numeric_limits<float>::infinity();
-    lowest_horizon_ = *std::min_element(std::begin(horizon_), std::end(horizon_));
   }
 
   // Returns the position in a grid of lane 0 on the lattice.
@@ -330,11 +272,6 @@ class PacketMarch {
 
   // Raises the horizons to samples of a grid. Returns true if any lane's rose.
   bool read(const MarchGrid& grid, Reader reader, int first, int past_last) {
-    const bool rose = read_by(reader, grid, first, past_last);
-    if (rose) lowest_horizon_ = *std::min_element(std::begin(horizon_), std::end(horizon_));
-    return rose;
-  }
-  bool read_by(Reader reader, const MarchGrid& grid, int first, int past_last) {
     switch (reader) {
       case Reader::lattice:
         return read_on_lattice(grid, first, past_last);
@@ -422,32 +359,14 @@ class PacketMarch {
     return rose;
   }
 
-  // Sets the bounds of a run of segments or parts.
-  void find_bounds(const BoundRows& rows, std::size_t first, std::size_t past_last, Bounds& bounds) const {
-    const Sixteen d;
-    const hn::Rebind<std::int32_t, Sixteen> di;
-    const Lanes unity = hn::Set(d, 1.F), k = hn::Set(d, middle_k_), lowest = hn::Set(d, lowest_m_);
-    const auto cell_at = [&](std::size_t i, float from_m, float step, Lanes distance) {
-      const Lanes at = hn::Add(hn::Set(d, from_m), hn::Mul(hn::Set(d, step), distance));
-      return hn::ConvertTo(
-          di, hn::Add(hn::Mul(at, hn::LoadU(d, &rows.cells_per_m[i])), hn::LoadU(d, &rows.cell_middle[i])));
-    };
-    for (std::size_t i = first; i < past_last; i += kLanes) {
-      const Lanes w = hn::Mul(k, hn::LoadU(d, &rows.tan_middle[i]));
-      const Lanes distance = hn::Mul(hn::LoadU(d, &rows.middle_m[i]), hn::Sub(unity, hn::Mul(w, hn::Sub(unity, w))));
-      const auto column = cell_at(i, middle_.x, middle_dx_, distance),
-                 row = cell_at(i, middle_.y, middle_dy_, distance);
-      const auto side = hn::ConvertTo(di, hn::LoadU(d, &rows.side[i]));
-      hn::StoreU(hn::Add(hn::Mul(row, side), column), di, &bounds.cell[i - first]);
-      for (std::size_t j = i; j < i + kLanes; ++j) bounds.top[j - first] = rows.highest[j][bounds.cell[j - first]];
-      const Lanes top = hn::LoadU(d, &bounds.top[i - first]);
-      const Lanes rise = hn::Mul(hn::Sub(top, lowest), NearOne(d, top, plan_.per_radius));
-      const Lanes tangent = hn::Max(hn::Mul(rise, hn::LoadU(d, &rows.near_rise_per_m[i])),
-                                    hn::Mul(rise, hn::LoadU(d, &rows.far_rise_per_m[i])));
-      hn::StoreU(hn::Sub(tangent, hn::LoadU(d, &rows.to_exceed[i])), d, &bounds.tangent[i - first]);
-    }
+  // Returns the index of the table's cell around the middle of a segment, as the first lane sees it.
+  std::size_t first_cell(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table) const {
+    const float w = k_[0] * segment.tan_middle, distance = segment.middle_m * (1 - w * (1 - w));
+    const float column = (places_.x[0] + dx_[0] * distance) * grid.posts_per_m + grid.middle;
+    const float row = (places_.y[0] + dy_[0] * distance) * grid.posts_per_m + grid.middle;
+    const int i = static_cast<int>(column) >> table.cell_log2, j = static_cast<int>(row) >> table.cell_log2;
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(table.side) + static_cast<std::size_t>(i);
   }
-
   // Returns the values of the cells around the middle of a segment, as each lane from `i` on sees it.
   HWY_INLINE Lanes TopsOfLanes(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table,
                                int i) const {
@@ -464,16 +383,17 @@ class PacketMarch {
     return hn::GatherIndex(d, table.heights.data(), hn::Add(hn::Mul(row, hn::Set(di, table.side)), column));
   }
 
-  // Returns true if ground of a segment, whose highest is `top`, may be above any lane's horizon by more than the
-  // tolerance.
-  bool may_rise(const MarchSegment& segment, const BoundRows& rows, std::size_t index, float top) const {
-    const Sixteen d;
-    const HighestPosts* table = rows.lane_tables[index];
+  // Returns true if ground of a segment may be above any lane's horizon by more than the tolerance.
+  bool may_rise(const MarchSegment& segment, const Bound& bound) const {
     const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
+    float top = grid.highest_m;
+    if (bound.table && !bound.of_lanes) top = bound.table->heights[first_cell(segment, grid, *bound.table)];
+    const Sixteen d;
     const Lanes at_near = hn::Set(d, segment.near_rise_per_m), at_far = hn::Set(d, segment.far_rise_per_m);
-    const Lanes to_exceed = hn::Set(d, rows.to_exceed[index]);
+    constexpr auto kTolerance = static_cast<float>(kHorizonTolerance_deg * kRadiansPerDegree);
+    const Lanes to_exceed = hn::Set(d, segment.near_drop + kTolerance);
     for (int i = 0; i < kPacket; i += kLanes) {
-      const Lanes highest = table ? TopsOfLanes(segment, grid, *table, i) : hn::Set(d, top);
+      const Lanes highest = bound.of_lanes ? TopsOfLanes(segment, grid, *bound.table, i) : hn::Set(d, top);
       const Lanes rise =
           hn::Mul(hn::Sub(highest, hn::Load(d, places_.height + i)), NearOne(d, highest, plan_.per_radius));
       const Lanes tangent = hn::Sub(hn::Max(hn::Mul(rise, at_near), hn::Mul(rise, at_far)), to_exceed);
@@ -489,13 +409,10 @@ class PacketMarch {
     if (segment.first_part == segment.past_last_part)
       return read(grid, tables_.readers[index], segment.first, segment.past_last);
     bool rose = false;
-    const auto first = static_cast<std::size_t>(segment.first_part);
-    const auto past_last = static_cast<std::size_t>(segment.past_last_part);
-    find_bounds(tables_.parts, first, past_last, bounds_.parts);
-    for (std::size_t i = first; i < past_last; ++i) {
-      const MarchSegment& short_segment = plan_.parts[i];
-      if (bounds_.parts.tangent[i - first] > lowest_horizon_ &&
-          may_rise(short_segment, tables_.parts, i, bounds_.parts.top[i - first]))
+    for (int i = segment.first_part; i < segment.past_last_part; ++i) {
+      const auto part_index = static_cast<std::size_t>(i);
+      const MarchSegment& short_segment = plan_.parts[part_index];
+      if (may_rise(short_segment, tables_.parts[part_index]))
         rose = read(grid, tables_.readers[index], short_segment.first, short_segment.past_last) || rose;
     }
     return rose;
@@ -505,9 +422,6 @@ class PacketMarch {
   const ChosenTables& tables_;
   const MarchPlaces& places_;
   PacketMiddle middle_;
-  FoundBounds& bounds_;
-  float lowest_m_ = std::numeric_limits<float>::infinity();  // height of the lowest place
-  float lowest_horizon_ = 0;                                 // of the lanes'
   float middle_dx_ = 0, middle_dy_ = 0, middle_k_ = 0;
   std::size_t seed_ = 0;
   alignas(64) float dx_[kPacket];
@@ -532,22 +446,19 @@ void WriteElevations(const float* tangent, float* elevation_deg) {
 // Implements find_horizons().
 void FindHorizons(const MarchPlan& plan, std::span<const MarchPlaces> packets, int azimuths, float* elevation_deg) {
   const ChosenTables tables = ChooseTables(plan, packets);
-  FoundBounds bounds(plan);
   std::vector<PacketMarch> marches;
   marches.reserve(packets.size());
-  for (const MarchPlaces& places : packets) marches.emplace_back(plan, tables, places, bounds);
+  for (const MarchPlaces& places : packets) marches.emplace_back(plan, tables, places);
   alignas(64) float tangent[kPacket];
-  // A packet looks along some azimuths before the next packet does: they share the posts near the place, and neighbours
-  // share those far away, in the processor's cache.
-  constexpr int kTurn = 8;
-  for (int first = 0; first < azimuths; first += kTurn)
-    for (std::size_t i = 0; i < marches.size(); ++i)
-      for (int azimuth = first; azimuth < std::min(first + kTurn, azimuths); ++azimuth) {
-        const double azimuth_rad = 2 * std::numbers::pi * azimuth / azimuths;
-        marches[i].find(static_cast<float>(std::cos(azimuth_rad)), static_cast<float>(std::sin(azimuth_rad)), tangent);
-        const std::size_t row = i * static_cast<std::size_t>(azimuths) + static_cast<std::size_t>(azimuth);
-        WriteElevations(tangent, elevation_deg + row * kPacket);
-      }
+  for (int azimuth = 0; azimuth < azimuths; ++azimuth) {
+    const double azimuth_rad = 2 * std::numbers::pi * azimuth / azimuths;
+    const auto cosine = static_cast<float>(std::cos(azimuth_rad)), sine = static_cast<float>(std::sin(azimuth_rad));
+    for (std::size_t i = 0; i < marches.size(); ++i) {
+      marches[i].find(cosine, sine, tangent);
+      const std::size_t row = i * static_cast<std::size_t>(azimuths) + static_cast<std::size_t>(azimuth);
+      WriteElevations(tangent, elevation_deg + row * kPacket);
+    }
+  }
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE

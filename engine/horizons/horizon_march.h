@@ -97,6 +97,7 @@ struct alignas(64) MarchPlaces {
   bool valid[kPacket];
   // Lane 4 j + i stands on the lattice of the grids, i places of it east and j south of lane 0.
   bool on_lattice = false;
+  float spread_m = 0;     // largest distance in x or y of a place from the first one
   float turn = 0;         // largest difference of a place's direction from the first one's, as length of the difference
   bool on_ground = true;  // eyes are on the ground: its own slope is part of the horizon
 };

@@ -196,6 +196,7 @@ class HorizonSearch {
       with_data += march.valid[i];
     }
     for (std::size_t i = 0; i < kPacket; ++i) {
+      march.spread_m = std::max({march.spread_m, std::abs(march.x[i] - march.x[0]), std::abs(march.y[i] - march.y[0])});
       const float turn = std::hypot(march.north_x[i] - march.north_x[0], march.north_y[i] - march.north_y[0]);
       march.turn = std::max(march.turn, turn);
     }

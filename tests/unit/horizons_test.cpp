@@ -140,6 +140,7 @@ TEST(Horizons, PlacesOnALatticeSeeTheSameGround) {
         static_cast<float>(relief.height_m(static_cast<double>(places.x[i]), static_cast<double>(places.y[i])).value() -
                            relief.reference_m());
   }
+  places.spread_m = static_cast<float>(3 * kLattice_m);
   constexpr int kAzimuths = 90;
   const auto horizons = [&](bool on_lattice) {
     places.on_lattice = on_lattice;
