@@ -94,13 +94,13 @@ std::vector<std::string> bound_violations(const GroundReport& report) {
   std::vector<std::string> violations;
   // Chang'e-4's ground is a mare. On steeper ground, longer relief adds to the slopes over millimetres.
   constexpr double kSteep_deg = 5;
-  const bool level = std::any_of(report.slopes.begin(), report.slopes.end(), [](const engine::SlopeRow& r) {
+  const bool is_gentle = std::any_of(report.slopes.begin(), report.slopes.end(), [](const engine::SlopeRow& r) {
     return r.baseline_m == 0.5 && r.published_deg < kSteep_deg;
   });
   for (const engine::SlopeRow& r : report.slopes) {
-    if (level && r.baseline_m < 0.5 && (r.hurst < 0.55 || r.hurst > 0.85))
+    if (is_gentle && r.baseline_m < 0.5 && (r.hurst < 0.55 || r.hurst > 0.85))
       violations.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
-    if (level && r.baseline_m == 0.007 && !(r.median_deg > 8 && r.median_deg < 12 && r.steepest_deg > 40))
+    if (is_gentle && r.baseline_m == 0.007 && !(r.median_deg > 8 && r.median_deg < 12 && r.steepest_deg > 40))
       violations.push_back(fmt::format("slopes over 7 mm: median {:.1f}, 99 % {:.1f} degrees; measured: 10, over 40",
                                        r.median_deg, r.steepest_deg));
     if (r.baseline_m > 100) continue;

@@ -11,7 +11,6 @@ struct LightTimes {
   double sunlit_ms = 0;   // sunlight on that ground
   double bounces_ms = 0;  // light of earlier bounces on that ground, with all that it takes
   double gather_ms = 0;   // the ground's light at the posts, and the Earth's
-  double sum_ms() const { return relief_ms + views_ms + sunlit_ms + bounces_ms + gather_ms; }
 
   LightTimes& operator+=(const LightTimes& t) {
     relief_ms += t.relief_ms;

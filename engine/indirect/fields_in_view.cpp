@@ -102,7 +102,7 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
 // levels coarser than the terrain's posts.
 constexpr double kRough = 0.014, kDenser = 4;
 constexpr int kMeshCoarser = 1;
-// Largest number of posts on refined ground. They fill 600 tiles; the roughest blocks have them.
+// Largest number of posts on refined ground, which fill 600 tiles; the roughest blocks are refined first.
 constexpr double kMaxPostsOnRough = 1 << 17;
 
 double spacing_on_rough_px(double spacing_px) { return std::min(spacing_px, std::max(spacing_px / kDenser, 1.0)); }

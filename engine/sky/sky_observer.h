@@ -33,8 +33,8 @@ struct ApparentBody {
 // budget). Those of the other planets are VSOP87's (Bretagnon & Francou, A&A 202, 309, 1988), evaluated by libnova.
 // Seen from the Moon in 1960 to 2099 they are within 0.1 arcsec (Mercury), 0.2 (Venus), 0.5 (Mars, Jupiter, Saturn), 2
 // (Uranus) and 3 (Neptune) of JPL's DE431 (unit.sky). Directions of stars agree with astropy to 0.001 arcsec.
-// The Moon's 31.7 km are 17 arcsec of the Earth seen from it. Directions in MOON_ME have the additional error of the
-// Moon's rotation, 0.01 degrees; those in ICRF axes do not.
+// An error of 31.7 km in the Moon's position turns the Earth by 17 arcsec as seen from there. Directions in MOON_ME
+// also have the error of the Moon's rotation, 0.01 degrees; those in ICRF axes do not.
 //
 // Bodies with a BodyState have the state's accuracy instead, to 0.001 arcsec: light time to the observer, aberration,
 // and the Sun's deflection of the light of planets are added to it.

@@ -158,7 +158,7 @@ class VerifyAccuracy(unittest.TestCase):
             self.assertFalse(os.path.exists(harness.path("refused")))
 
     def test_every_scene_is_measured(self):
-        """All but the polar one, for which there is no place; but by full effort two: plot_test draws them all."""
+        """By default two, since plot_test draws all; the polar one has no place here."""
         scenes = ["nadir", "oblique", "limb", "descent"] if harness.full_effort() else ["nadir", "limb"]
         output, rows = self.measured("accuracy", 64, *(() if harness.full_effort() else ("--scenes", ",".join(scenes))))
         self.assertEqual({row["scene"] for row in rows}, set(scenes))

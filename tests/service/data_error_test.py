@@ -92,7 +92,7 @@ BEFORE_THE_START = (truncate, empty, remove_image, replace_by_folder, garble_lab
 
 
 def damages(functions, first):
-    """Each damage with one and with two layers; but by full effort with one of them, in turn: `first` for the first damage."""
+    """Each damage with one or with two layers, in turn, beginning with `first`; by full effort with both."""
     for i, (damage, layers) in enumerate(itertools.product(functions, (1, 2))):
         if harness.full_effort() or layers == 1 + (i // 2 + first - 1) % 2:
             yield damage, layers

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Every numeric member at the ends of its range, as the API document has it: an answer or a named refusal, never a fault.
 
-But by full effort (slow.extreme_numbers) every other member of a document, at one of the ends.
+By default every other number of a document; all in slow.extreme_numbers.
 """
 
 import copy

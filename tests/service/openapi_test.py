@@ -381,8 +381,8 @@ class Schemas(Documented):
         walk(DOCUMENT, "")
 
     def test_service_refuses_what_schemas_refuse(self):
-        """Each member of each example is left out, misspelt, of other types and out of range (a quarter of that but by full
-        effort): where the schema says no, so does the service, and it points at something."""
+        """Each member of each example is left out, misspelt, of other types and out of range (a quarter of that by
+        default): where the schema says no, so does the service, and it points at something."""
         service = Service(*SMALL_LIMITS)
         refused = 0
         for operation in self.operations:

@@ -330,7 +330,7 @@ class RemoteTiles(AsksForHeights):
 
     def test_lasting_faults_name_the_tile_and_are_forgotten(self):
         self.start()
-        # Everything, or what lies behind the header: but by full effort each kind with one of them.
+        # From the start, or behind the header: by default one of them for each kind.
         for i, (kind, offset) in enumerate(itertools.product((503, "hang up", "truncate", "trickle", "delay"), (0, 100000))):
             if i % 4 in (0, 3) or harness.full_effort():
                 with self.subTest(kind=kind, offset=offset):

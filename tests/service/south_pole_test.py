@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the commands of engine/horizons/south_pole.md on the polar piece that it names, and checks what it says of them.
 
-But by full effort (slow.south_pole) the descent has two of its three frames.
+The descent has two of its three frames by default, all in slow.south_pole.
 """
 
 import csv
