@@ -1,4 +1,4 @@
-// Encodes PNG, TIFF and OpenEXR, all through OpenImageIO, into memory.
+// The image library: PNG, TIFF and OpenEXR through OpenImageIO, in memory.
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
@@ -7,10 +7,14 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
-#include "api/encode/encode.h"
+#include "api/encode/image_library.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {
@@ -218,9 +222,7 @@ void remove_exif(std::string& png) {
   png.erase(kHeaderEnd, kChunkOverhead + bytes);
 }
 
-}  // namespace
-
-std::string encode_png(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
+std::string png(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
   check_shape(array, "png");
   if (array.channels != 1 || (array.type != ElementType::uint8 && array.type != ElementType::uint16)) {
     throw std::invalid_argument("png: " + std::string(array.name) + " is not one channel of uint8 or uint16");
@@ -236,7 +238,7 @@ std::string encode_png(const ArrayView& array, const Attributes& attributes, con
   return file;
 }
 
-std::string encode_tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
+std::string tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
   check_shape(array, "tiff");
   const OIIO::TypeDesc type = oiio_type(array.type);
   OIIO::ImageSpec spec(array.width, array.height, array.channels, type);
@@ -255,7 +257,7 @@ std::string encode_tiff(const ArrayView& array, const Attributes& attributes, co
   return writer.finish();
 }
 
-std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& attributes, const StopToken& stop) {
+std::string exr(const std::vector<ArrayView>& arrays, const Attributes& attributes, const StopToken& stop) {
   if (arrays.empty()) throw std::invalid_argument("exr: no arrays");
   const int height = arrays.front().height, width = arrays.front().width;
   for (const ArrayView& array : arrays) {
@@ -281,5 +283,19 @@ std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& a
   }
   return writer.finish();
 }
+
+void read(const std::string& path, const std::function<double*(const ImageSize&)>& destination) {
+  const auto input = OIIO::ImageInput::open(path);
+  if (!input) throw DataError(path, "cannot be read as an image: " + OIIO::geterror());
+  const OIIO::ImageSpec& spec = input->spec();
+  const ImageSize size{static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height), spec.nchannels,
+                       spec.format.c_str(), spec.format.is_floating_point()};
+  if (!input->read_image(0, 0, 0, size.channels, OIIO::TypeDesc::DOUBLE, destination(size)))
+    throw DataError(path, "cannot be read: " + input->geterror());
+}
+
+}  // namespace
+
+extern "C" const ImageLibrary selenograph_image_library{png, tiff, exr, read};
 
 }  // namespace selenograph::api

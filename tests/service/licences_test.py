@@ -51,7 +51,9 @@ class Copyright(unittest.TestCase):
 class BillOfMaterials(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        done = subprocess.run([os.path.join(PACKAGE, "spdx"), BINARY, "1.2.3"], check=True, stdout=subprocess.PIPE, text=True)
+        images = os.path.join(os.path.dirname(BINARY), "libselenograph_images.so")
+        done = subprocess.run([os.path.join(PACKAGE, "spdx"), BINARY, images, "1.2.3"], check=True, stdout=subprocess.PIPE,
+                              text=True)
         cls.document = json.loads(done.stdout)
         cls.packages = {p["name"]: p for p in cls.document["packages"]}
 

@@ -77,8 +77,19 @@ class Works:
         self.check_trial(os.path.join(usr, "bin", "selenograph"), "serve", "--config", config, "--assets-dir",
                          os.path.join(usr, "share", "selenograph", "assets"))
 
+    def check_image(self, usr):
+        """The library of images is found from there."""
+        harness.write("request.json", json.dumps({
+            "camera": {"width": 8, "height": 8, "fov_deg": 5}, "products": ["image"],
+            "pose": {"geodetic": {"lat_deg": -0.5, "lon_deg": 29.5, "height_m": 10000}, "nadir": {}},
+            "sun": {"local": {"lat_deg": -0.5, "lon_deg": 29.5, "azimuth_deg": 90, "elevation_deg": 30}}}))
+        done = run(os.path.join(usr, "bin", "selenograph"), "render", harness.path("request.json"), "-o",
+                   harness.path("frame.png"), "--dem", harness.path("dem"))
+        self.assertEqual(done.returncode, 0, done.stdout)
+
     def check_files(self, usr):
-        for name in ("bin/selenograph", "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph/__init__.py",
+        for name in ("bin/selenograph", "lib/selenograph/libselenograph_images.so",
+                     "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph/__init__.py",
                      *(f"share/cmake/selenograph-client/selenograph-client-{part}.cmake"
                        for part in ("config", "config-version", "targets")),
                      "share/man/man1/selenograph.1", "share/bash-completion/completions/selenograph",
@@ -104,6 +115,7 @@ class Installed(Works, unittest.TestCase):
         etc = os.path.join(self.prefix, "etc")
         self.check_service(etc, self.prefix, etc, self.prefix)
         self.check_trial(*self.unit_command(self.prefix))  # as it was installed
+        self.check_image(self.prefix)
         version = run(os.path.join(self.prefix, "bin", "selenograph"), "--version")
         self.assertEqual(version.stdout, run(BINARY, "--version").stdout)
 
@@ -240,6 +252,7 @@ class DebianPackage(Works, unittest.TestCase):
     def test_files_and_service(self):
         self.check_files(os.path.join(self.root, "usr"))
         self.check_service(os.path.join(self.root, "etc"), os.path.join(self.root, "usr"), "/etc", "/usr")
+        self.check_image(os.path.join(self.root, "usr"))
         self.assertEqual(sorted(os.listdir(self.root)), ["etc", "usr"])
 
     def test_what_dpkg_is_told(self):

@@ -2,7 +2,10 @@
 include(GNUInstallDirs)
 set(share ${CMAKE_INSTALL_DATADIR}/selenograph)
 set(package ${CMAKE_CURRENT_LIST_DIR})
+# The executable looks for the library of images relative to itself: any prefix will do.
 install(TARGETS selenograph RUNTIME)
+install(TARGETS selenograph_images LIBRARY DESTINATION lib/selenograph)
+set_target_properties(selenograph PROPERTIES INSTALL_RPATH "$ORIGIN/../lib/selenograph")
 install(FILES api/clients/cpp/selenograph_client.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 # The C++ client for find_package(selenograph-client).
 include(CMakePackageConfigHelpers)
@@ -23,8 +26,9 @@ install(DIRECTORY deploy/assets deploy/operation/haproxy deploy/operation/grafan
 file(GLOB requests deploy/examples/*-request.json)
 install(FILES ${requests} DESTINATION ${share}/requests)
 install(FILES ${package}/copyright DESTINATION ${CMAKE_INSTALL_DOCDIR})
-install(CODE "execute_process(COMMAND ${package}/spdx $<TARGET_FILE:selenograph> ${PROJECT_VERSION}
-  OUTPUT_FILE ${CMAKE_CURRENT_BINARY_DIR}/selenograph.spdx.json COMMAND_ERROR_IS_FATAL ANY)")
+install(CODE "execute_process(COMMAND ${package}/spdx $<TARGET_FILE:selenograph>
+  $<TARGET_FILE:selenograph_images> ${PROJECT_VERSION} OUTPUT_FILE ${CMAKE_CURRENT_BINARY_DIR}/selenograph.spdx.json
+  COMMAND_ERROR_IS_FATAL ANY)")
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/selenograph.spdx.json DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(FILES README.md CHANGELOG.md api/requests.md api/clients/conventions.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
 file(GLOB operation_pages deploy/operation/*.md)
