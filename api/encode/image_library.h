@@ -18,7 +18,7 @@ struct ImageSize {
   bool is_floating_point;
 };
 
-// What the library does, as encode.h documents it.
+// Functions of the library; the encoders are documented in encode.h.
 struct ImageLibrary {
   std::string (*png)(const ArrayView& array, const Attributes& attributes, const StopToken& stop);
   std::string (*tiff)(const ArrayView& array, const Attributes& attributes, const StopToken& stop);

@@ -12,7 +12,7 @@ namespace selenograph::dem {
 namespace {
 
 constexpr std::uint64_t kFragments = 0x66726167;  // makes the fragments' seed differ from others of the same preset
-constexpr double kMinHeightOverSize = 0.18, kMaxHeightOverSize = 0.5;
+constexpr double kMinAspect = 0.18, kMaxAspect = 0.5;
 
 // A convex body: the lowest of some planes, each given by its height above the centre and its slopes. All lengths are
 // in sizes of the fragment, horizontal ones from its centre to the east and to the north.
@@ -25,7 +25,7 @@ class FragmentShape {
     const auto between = [&](double low, double high) { return low + (high - low) * draws.uniform(); };
     const double second = between(0.31, 0.45), azimuth = between(0, 2 * std::numbers::pi);
     const double cos_azimuth = std::cos(azimuth), sin_azimuth = std::sin(azimuth);
-    const double top = between(kMinHeightOverSize, kMaxHeightOverSize);
+    const double top = between(kMinAspect, kMaxAspect);
     for (std::size_t i = 0; i < kPlanes; ++i) {
       // The golden ratio spreads the planes around the body: two on top, six on its shoulders, six at its sides.
       const double around = (static_cast<double>(i) * 0.381966 + between(-0.08, 0.08)) * 2 * std::numbers::pi;
@@ -45,7 +45,7 @@ class FragmentShape {
   // Returns the height over the ground; 0 outside.
   float height(float east, float north) const {
     if (east * east + north * north >= 0.25F) return 0;
-    float lowest = static_cast<float>(kMaxHeightOverSize);
+    float lowest = static_cast<float>(kMaxAspect);
     for (std::size_t i = 0; i < kPlanes; ++i)
       lowest = std::min(lowest, height_[i] - east_[i] * east - north_[i] * north);
     return std::max(lowest, 0.F);
@@ -95,7 +95,7 @@ FragmentField::Means FragmentField::measure(int octave) const {
   return means;
 }
 
-double FragmentField::max_height_m(int octave) const { return kMaxHeightOverSize * cells_.largest_m(octave); }
+double FragmentField::max_height_m(int octave) const { return kMaxAspect * cells_.largest_m(octave); }
 
 void FragmentField::add(const DirectionGrid& grid, int octave, std::span<const double> shares,
                         std::span<double> heights_m, const Marks& marks, const StopToken& stop) const {

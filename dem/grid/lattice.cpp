@@ -13,8 +13,6 @@ namespace {
 
 constexpr int kBlockQuads = 64;
 
-Tick lat_step_of(int level) { return Tick{1} << (kTickLevel - level); }
-
 }  // namespace
 
 std::string to_string(const BlockId& id) { return fmt::format("L{:02} r{} c{}", id.level, id.row, id.col); }

@@ -56,6 +56,9 @@ struct BlockExtent {
   Tick lon1() const { return lon0 + quads * lon_step; }  // may equal kLonTicks, never exceeds it
 };
 
+// Returns the ticks of latitude between posts of a level.
+inline Tick lat_step_of(int level) { return Tick{1} << (kTickLevel - level); }
+
 // Return the quads along a side of a level's blocks, the number of rows of blocks, the shift by which a row's longitude
 // step exceeds its latitude step (step << shift), its number of blocks, and a block's area.
 int quads_per_side(int level);

@@ -12,9 +12,6 @@
 namespace selenograph::dem {
 namespace {
 
-// Returns the ticks of latitude between posts of a level.
-Tick lat_step_of(int level) { return Tick{1} << (kTickLevel - level); }
-
 // Returns true if a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
   const BlockExtent e = extent_of(block_at(level, lat, 0));

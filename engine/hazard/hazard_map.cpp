@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <utility>
 #include <vector>
@@ -22,7 +21,6 @@ namespace selenograph::engine {
 namespace {
 
 constexpr ProductSet kFootprintOnly = kRockCover | kRoughness | kHazard;
-constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
 // Returns the map's scale at a pixel with the lowest possible ground, where a footprint covers most pixels; empty off
 // the Moon.

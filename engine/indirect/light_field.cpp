@@ -26,7 +26,7 @@ int cells_of_band(double south_deg, double height_deg) {
 }
 
 // Returns the bounds of a field's cell. The field itself extends beyond it.
-CellBounds bounds_of(const LightField& field) {
+CellBounds cell_of(const LightField& field) {
   const double height_deg = band_height_deg(field), south_deg = -90 + field.band * height_deg;
   const double width_deg = 360.0 / cells_of_band(south_deg, height_deg);
   return {south_deg, std::min(south_deg + height_deg, 90.0), -180 + field.cell * width_deg, width_deg};
@@ -45,7 +45,7 @@ LightField light_field_at(int level, int finest, bool closer, double lat_deg, do
 }
 
 FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m(field.level)) {
-  const CellBounds cell = bounds_of(field);
+  const CellBounds cell = cell_of(field);
   const double middle_lat_deg = (cell.south_deg + cell.north_deg) / 2,
                middle_lon_deg = cell.west_deg + cell.width_deg / 2;
   centre_ = to_cartesian({middle_lat_deg, middle_lon_deg, 0}).normalized();

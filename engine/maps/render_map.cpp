@@ -31,9 +31,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
-constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
-
 // Size of patches. A patch is halved until its terrain fits into one scene within the target for shadows and it spans
 // less of the Moon than a camera sees at once. The target for shadows is relaxed only in patches up to kSmallPatch_px.
 constexpr int kLargestPatch_px = 512, kSmallPatch_px = 64;

@@ -3,10 +3,16 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <string_view>
 
 namespace selenograph::server {
+
+// Returns the path of a file in a folder.
+inline std::string in_folder(const std::string& folder, const std::string& name) {
+  return (std::filesystem::path(folder) / name).string();
+}
 
 // Writes a new file; it is on disk when this returns. It is removed on failure.
 void write_to_disk(const std::string& path, std::string_view bytes);

@@ -23,8 +23,6 @@ constexpr std::string_view kPrefix = "journal-", kSuffix = ".jsonl";
 
 bool is_journal(const std::string& name) { return name.starts_with(kPrefix) && name.ends_with(kSuffix); }
 
-std::string in_folder(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
-
 std::string key_of(const std::string& name, const std::string& request_sha256) { return name + " " + request_sha256; }
 
 // Replaces the entry unless it is later than the new one.

@@ -13,8 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string in_folder(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
-
 std::optional<std::uint64_t> size_of(const std::string& path) {
   std::error_code error;
   const std::uintmax_t size = fs::file_size(path, error);

@@ -26,8 +26,8 @@ CAPABILITIES = {
 # Folders with sources, top floor first: a file may include files of its own folder and of the folders below.
 FLOORS = [
     "server", "server/commands", "server/campaign", "server/service", "server/http",
-    "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts", "api/encode",
-    "api/schema", "api/assets", "api/json", "api/message",
+    "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts",
+    "api/schema", "api/assets", "api/encode", "api/json", "api/message",
     "engine/verify", "engine",
     *CAPABILITIES,
     "engine/cache", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",

@@ -34,7 +34,7 @@ constexpr std::pair<std::string_view, DistortionModel> kDistortions[] = {
 constexpr Range kTilt_deg{-60, 60};
 constexpr double kMinCosine = 0.5;
 // Sine of the smallest angle between the directions of rows and columns: 60 degrees.
-constexpr double kMinSine = 0.866;
+constexpr double kMinAxesSine = 0.866;
 
 const Members<DistortionForm>& distortion_members() {
   static const auto table = make_table<Members<DistortionForm>>(
@@ -154,7 +154,7 @@ std::optional<engine::Cahvor> resolve_cahvor(const JsonReader& in, const CahvorF
                           "at most {} px, and between {} and {} px, are possible",
                           focal_px, centre_px, kFocalLength_px.min, kFocalLength_px.max, kPrincipalPoint_px.min,
                           kPrincipalPoint_px.max));
-  if (in.faults() == before && c.h.cross(c.v).dot(c.a) < kMinSine * c.fx() * c.fy())
+  if (in.faults() == before && c.h.cross(c.v).dot(c.a) < kMinAxesSine * c.fx() * c.fy())
     in.fail("V",
             "and H are not within 30 degrees of square, or mirrored: seen along A, columns count to the right and "
             "rows down");

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "engine/frame/needs.h"
 #include "engine/support/assign.h"
@@ -11,9 +10,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint16_t kNoGround = 65535;  // pixels of `detail` without terrain
-constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
 
 struct SourceAt {
   dem::SourceIndex index;  // dem::kNoSource if none
