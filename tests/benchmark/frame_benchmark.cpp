@@ -7,7 +7,9 @@
 // otherwise, radiance with exact shadows, warm. Counters: rays_ms and zbuffer_ms, and their ratio, `gain`; bare_ms, the
 // time of the bare kernel on the same mesh, camera and Sun, and `ratio`, rays_ms over it; auto_loss: how much slower
 // than the faster way the one is that "auto" chooses. adds/...: what radiometry and sensor cost beside the plain frame.
-// --target: the vectors to use at most (AVX3, AVX2, SSE4, ...), for the z-buffer; Embree chooses its own.
+// --target: the vectors to use at most (AVX3, AVX2, ...), for the z-buffer; Embree chooses its own.
+#include "dem/base/vector_targets.h"
+// Before Highway.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 #include <hwy/targets.h>

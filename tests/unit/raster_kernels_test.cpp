@@ -2,6 +2,8 @@
 // every width of vectors that the machine has.
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
+#include "dem/base/vector_targets.h"
+// Before Highway.
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 

@@ -1,4 +1,6 @@
 // The sensor's numbers, and detail's heights, are the same bits at every width of vectors.
+#include "dem/base/vector_targets.h"
+// Before Highway.
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
