@@ -7,7 +7,8 @@ DEM is a folder of tiles. Frames look straight down, 1024 x 1024 pixels, 50 degr
 wide as it is, lunar-Lambert. Printed are the RMS of the radiance in bands of wavelengths (pixels) over its mean, by a
 Fourier transform under a Hann window, the ratio of the first band to the third, the standard deviation over the mean,
 the share of pixels in shadow, and with --pixels the same for pixels of so many metres. With --images FOLDER each frame
-is written there, scaled to twice its mean.
+is written there, scaled to twice its mean, and with --oblique a view from 1.6 m to the northern horizon, whose Sun is
+a point.
 """
 
 import argparse
@@ -25,6 +26,7 @@ import harness  # noqa: E402
 
 ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets")
 SIDE_PX, FOV_DEG = 1024, 50.0
+NORTH_UP = {"up_azimuth_deg": 0}
 BANDS_PX = ((2, 4), (4, 8), (8, 16))
 SHADOW = 0.06  # of the mean radiance: pixels below it count as shadow
 
@@ -48,14 +50,22 @@ class Ground:
         body = service.post("/v1/heights", {"points": [at], **self.detail}, "application/json")[2]
         self.height_m = json.loads(body)["points"][0]["height_m"]
 
-    def frame(self, above_m, sun_deg, **members):
+    def oblique(self, sun_deg):
+        """From 1.6 m, 15 degrees below the level."""
+        return self.frame(1.6, sun_deg, nadir={"tilt_deg": 75, "azimuth_deg": 0}, angular_radius_deg=0)
+
+    def frame(self, above_m, sun_deg, nadir=NORTH_UP, angular_radius_deg="sun"):
         body = {"camera": {"width": SIDE_PX, "height": SIDE_PX, "fov_deg": FOV_DEG}, "products": ["radiance"],
-                "pose": {"geodetic": {**self.at, "height_m": self.height_m + above_m}, "nadir": {"up_azimuth_deg": 0}},
+                "pose": {"geodetic": {**self.at, "height_m": self.height_m + above_m}, "nadir": nadir},
                 "sun": {"local": {**self.at, "azimuth_deg": 270, "elevation_deg": sun_deg},
-                        "angular_radius_deg": "sun"},
+                        "angular_radius_deg": angular_radius_deg},
                 "surface": {"reflectance": {"model": "lunar_lambert", "rho": 0.11}},
-                "accuracy": {"samples_per_pixel": 4}, **self.detail, **members}
+                "accuracy": {"samples_per_pixel": 4}, **self.detail}
         return np.squeeze(self.service.arrays(body)["radiance"])
+
+
+def write(image, file):
+    Image.fromarray(np.clip(image / image.mean() * 127.5, 0, 255).astype(np.uint8)).save(file)
 
 
 def print_row(name, image, took_s):
@@ -74,6 +84,7 @@ def main():
     parser.add_argument("--pixels", default="", help="sizes of pixels on the ground, m")
     parser.add_argument("--sun", default="20,55", help="elevations, degrees")
     parser.add_argument("--images", help="folder")
+    parser.add_argument("--oblique", action="store_true", help="needs --images")
     asked = parser.parse_args()
     lat_deg, lon_deg = map(float, asked.place.split(","))
     heights = [(f"{h} m", float(h)) for h in asked.heights.split(",") if h]
@@ -92,8 +103,10 @@ def main():
                 image = ground.frame(above_m, sun_deg)
                 print_row(f"{name}, Sun {sun_deg:g}", image, time.perf_counter() - start)
                 if asked.images:
-                    Image.fromarray(np.clip(image / image.mean() * 127.5, 0, 255).astype(np.uint8)).save(
-                        f"{asked.images}/{name.split()[0]}-{sun_deg:g}.png")
+                    write(image, f"{asked.images}/{name.split()[0]}-{sun_deg:g}.png")
+        if asked.oblique:
+            for sun_deg in map(float, asked.sun.split(",")):
+                write(np.nan_to_num(ground.oblique(sun_deg)), f"{asked.images}/oblique-{sun_deg:g}.png")
         service.stop()
     finally:
         harness.tear_down()

@@ -406,30 +406,74 @@ TEST(RockShapes, LieAsTheListHasThem) {
   EXPECT_GT(meshes.size(), 15U);
 }
 
-// It falls from its rock's side to the ground, which it meets at a small angle on all sides, and goes on below it.
-TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
+// Share of a shape's area whose normals are within 12 degrees of one of eight, chosen one by one for the largest area.
+double area_of_facets(const engine::ObjectShape& shape) {
+  std::vector<Vec3> facets;  // normals, as long as twice the area
+  double area = 0, in_facets = 0;
+  for (const engine::ObjectTriangle& t : shape.triangles) {
+    facets.push_back((shape.place(t, 1) - shape.place(t, 0)).cross(shape.place(t, 2) - shape.place(t, 0)));
+    area += facets.back().norm();
+  }
+  const double cosine = std::cos(12 * kRadiansPerDegree);
+  for (int i = 0; i < 8; ++i) {
+    double largest = 0;
+    Vec3 normal = Vec3::Zero();
+    const auto is_near = [&](const Vec3& facet, const Vec3& other) {
+      return facet.dot(other) >= cosine * facet.norm() * other.norm();
+    };
+    for (const Vec3& centre : facets) {
+      double sum = 0;
+      for (const Vec3& facet : facets)
+        if (is_near(facet, centre)) sum += facet.norm();
+      if (sum > largest) largest = sum, normal = centre;
+    }
+    in_facets += largest;
+    std::erase_if(facets, [&](const Vec3& facet) { return is_near(facet, normal); });
+  }
+  return in_facets / area;
+}
+
+// Blocks on the Moon are angular to subangular, and old ones keep facets. (A ball has 0.09 of its area in eight.)
+TEST(RockShapes, HaveFacets) {
+  const auto& meshes = engine::rock_shapes();
+  double mean[engine::kRoundings] = {};
+  for (std::size_t i = 0; i < meshes.size(); ++i) {
+    const double facets = area_of_facets(meshes[i]->shape());
+    EXPECT_GT(facets, 0.45) << i;
+    mean[i % engine::kRoundings] += facets / engine::kStones;
+  }
+  fmt::print("area in eight facets: sharp {:.2f}, chipped {:.2f}, rounded {:.2f}\n", mean[0], mean[1], mean[2]);
+  EXPECT_GT(mean[0], 0.65);
+  EXPECT_GT(mean[1], 0.65);
+  EXPECT_GT(mean[2], 0.55);
+}
+
+// It is as high as its rock's side has it, on some sides next to nothing, slopes as loose soil does, and goes on below
+// the ground.
+TEST(RockShapes, SoilIsNoBrim) {
   for (const auto& mesh : engine::fillet_shapes()) {
     const engine::ObjectShape& shape = mesh->shape();
-    double lowest_at_side = 1e9, highest_outside = -1e9, steepest = 0;
+    double lowest = 1e9, highest = -1e9, steepness = 0;
+    int on_slope = 0;
     for (const engine::ObjectCorner& corner : shape.corners) {
       const Vec3 p = corner.place.cast<double>(), n = corner.normal.cast<double>();
       EXPECT_NEAR(n.norm(), 1, 1e-5);
-      const double radius = p.head<2>().norm();
-      if (std::abs(radius - 0.7) < 1e-3) lowest_at_side = std::min(lowest_at_side, p.z());
-      if (radius > 1.17) highest_outside = std::max(highest_outside, p.z());
-      if (radius > 1.05) continue;
       EXPECT_GT(n.z(), 0);
-      // Shaded as the ground is where it meets it.
-      if (p.z() < 1e-6) {
-        EXPECT_EQ(n, Vec3::UnitZ());
+      EXPECT_LT(p.z(), 1.7);
+      const double radius = p.head<2>().norm();
+      if (radius > 0.66 && radius < 0.72) lowest = std::min(lowest, p.z()), highest = std::max(highest, p.z());
+      if (radius > 1.1) {
+        EXPECT_LT(p.z(), -0.2);
       }
-      // As high as soil is heaped, a tenth of the diameter, at 0.65 diameters.
-      if (radius > 0.65) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.65);
+      // As high as soil is heaped, a tenth of the diameter, at 0.7 diameters.
+      if (radius > 0.72 && p.z() > 0) ++on_slope, steepness += std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.7;
     }
-    EXPECT_GT(lowest_at_side, 0.7);
-    EXPECT_LT(highest_outside, -0.1);
-    EXPECT_GT(steepest, std::tan(20 * kRadiansPerDegree));
-    EXPECT_LT(steepest, std::tan(55 * kRadiansPerDegree));
+    EXPECT_LT(lowest, 0.4);
+    EXPECT_GT(highest, 0.9);
+    EXPECT_GT(steepness / on_slope, std::tan(15 * kRadiansPerDegree));
+    EXPECT_LT(steepness / on_slope, std::tan(35 * kRadiansPerDegree));
+    for (const engine::ObjectTriangle& t : shape.triangles)
+      EXPECT_GT((shape.place(t, 1) - shape.place(t, 0)).cross(shape.place(t, 2) - shape.place(t, 0)).z(), 0);
   }
 }
 

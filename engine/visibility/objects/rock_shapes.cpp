@@ -80,7 +80,8 @@ Vec3 random_direction(dem::Draws& draws) {
 
 // Per rounding (sharp, chipped, rounded edges), the power of the mean that joins the planes of a stone, and the
 // roughness. Power 0 takes the minimum of the planes' distances, others a smooth approximation: the lower, the rounder.
-constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.035, 0.04};
+// At 18 edges are rounded, and facets remain.
+constexpr std::array<double, kRoundings> kPowers{0, 40, 18}, kRoughness{0.012, 0.018, 0.025};
 
 // Roughness of the surface of a stone: a sum of waves in random directions, shorter ones with smaller amplitudes.
 class Waves {
@@ -132,25 +133,62 @@ ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector
   return out;
 }
 
-// Returns a stone: a ball cut by random planes at 0.5 to 0.9 of its radius, with a rough surface.
+// Planes that cut a stone, each by its normal over its distance from the middle: a point p is outside if the dot
+// product exceeds 1.
+constexpr int kPlanes = 16;
+using CuttingPlanes = Eigen::Matrix<double, kPlanes, 3>;
+using InverseDistances = Eigen::Matrix<double, kPlanes, 1>;  // of the planes along a direction
+
+// Returns random planes at 0.5 to 0.85 of the unit ball's radius. Each is the farthest of some from those before it:
+// where planes leave a gap, the ball shows.
+CuttingPlanes cutting_planes(dem::Draws& draws) {
+  constexpr int kCandidates = 6;
+  CuttingPlanes normals, planes;
+  for (Eigen::Index i = 0; i < planes.rows(); ++i) {
+    double smallest_cosine = 2;
+    for (int k = 0; k < kCandidates; ++k) {
+      const Vec3 candidate = random_direction(draws);
+      const double cosine = i == 0 ? -1 : (normals.topRows(i) * candidate).maxCoeff();
+      if (cosine >= smallest_cosine) continue;
+      smallest_cosine = cosine;
+      normals.row(i) = candidate.transpose();
+    }
+    planes.row(i) = normals.row(i) / (0.5 + 0.35 * draws.uniform());
+  }
+  return planes;
+}
+
+// Returns a direction on the edge between the two planes that it meets first, if that is nearer than half a side of the
+// ball's triangles: triangles then do not cross edges, which would be saw-toothed. Else returns the direction.
+Vec3 moved_to_edge(const CuttingPlanes& planes, const Vec3& direction) {
+  constexpr double kFarthest = 0.065;
+  InverseDistances inverse_distances = planes * direction;
+  Eigen::Index first = 0, second = 0;
+  if (inverse_distances.maxCoeff(&first) <= 1) return direction;
+  inverse_distances[first] = -1;
+  inverse_distances.maxCoeff(&second);
+  const Vec3 difference = (planes.row(first) - planes.row(second)).transpose();
+  const double ahead = difference.dot(direction);
+  const Vec3 across = difference - ahead * direction;
+  const Vec3 step = -ahead / across.squaredNorm() * across;
+  return step.norm() < kFarthest ? (direction + step).normalized() : direction;
+}
+
+// Returns a stone: a ball cut by random planes, with a rough surface.
 ObjectShape stone(std::size_t number, std::size_t rounding) {
   constexpr std::uint64_t kRockShapes = 0x726f636b;  // seed: "rock" in ASCII
   dem::Draws draws(kRockShapes, 0, static_cast<int>(number), 0);
-  Sphere sphere = subdivided_icosahedron(3);
-  constexpr int kPlanes = 14;
-  std::array<std::pair<Vec3, double>, kPlanes> planes;
-  for (auto& [normal, distance] : planes) {
-    normal = random_direction(draws);
-    distance = 0.5 + 0.4 * draws.uniform();
-  }
+  const Sphere sphere = subdivided_icosahedron(3);
+  const CuttingPlanes planes = cutting_planes(draws);
   const Waves waves(draws);
   const double power = kPowers[rounding], roughness = kRoughness[rounding];
   std::vector<Vec3> points;
-  for (const Vec3& direction : sphere.corners) {
+  for (const Vec3& corner : sphere.corners) {
+    const Vec3 direction = moved_to_edge(planes, corner);
     // Both begin with the unit sphere around the planes, whose distance is 1.
     double sum = 1, nearest = 1;
-    for (const auto& [normal, distance] : planes) {
-      const double inverse_distance = normal.dot(direction) / distance;
+    const InverseDistances inverse_distances = planes * direction;
+    for (const double inverse_distance : inverse_distances) {
       if (inverse_distance <= 0) continue;
       nearest = std::min(nearest, 1 / inverse_distance);
       sum += std::pow(inverse_distance, power);
@@ -163,58 +201,94 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
   return out;
 }
 
-// Returns the height of a fillet, in heights at the rock, for the share of the way from the ground (0) to the rock (1);
-// negative shares are beyond the edge on the ground.
-double fillet_height(double share) {
-  if (share > 0) return std::min(1.6, share * (0.12 + 0.88 * share));
-  // Down to this share the slope stays gentle, so that the Sun lights it at most elevations: where real ground falls
-  // away from the plane, this part shows.
-  constexpr double kGentleShare = -0.4;
-  return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentleShare), 2);
-}
+// The soil against a rock: its height by position, x and y in radii of the fillet, heights in those of its side.
+//
+//        rock |\            The side's height differs by azimuth, from a tenth to 1.4. The slope is that of loose soil
+//             | `-.__       all around: where the side is low, the fillet is narrow. Lumps like those of the ground lie
+//   __________|__0.7_`-.__  on it, and its edge is in the ground.
+class Mound {
+ public:
+  explicit Mound(dem::Draws& draws) {
+    for (double& phase : phases_) phase = 2 * pi * draws.uniform();
+    for (Lump& lump : lumps_) {
+      const double radius = 0.5 + 0.5 * std::sqrt(draws.uniform());
+      const double azimuth = 2 * pi * draws.uniform();
+      lump = {radius * std::cos(azimuth), radius * std::sin(azimuth), 0.035 + 0.05 * std::pow(draws.uniform(), 2)};
+    }
+  }
 
-// Returns a mound of soil with a slightly irregular outline and height: a fan of triangles around the middle, then
-// rings of kAround corners with two triangles between neighbouring pairs.
+  double height(double x, double y) const {
+    const double azimuth = std::atan2(y, x);
+    double side = 0.75;
+    for (std::size_t i = 0; i < phases_.size(); ++i)
+      side += 0.35 / static_cast<double>(i + 1) * std::cos(static_cast<double>(i + 1) * azimuth + phases_[i]);
+    side = std::clamp(side, 0.1, 1.4);
+    const double edge = 0.8 + 0.2 * side;  // radius
+    const double share = (edge - std::hypot(x, y)) / (edge - kContactRadius);
+    constexpr double kInGround = 0.1;  // depth of the edge
+    const double slope = side * (share > 0 ? std::min(1.15, share * (0.5 + 0.5 * share)) : share);
+    return slope + lump_height(x, y) - kInGround;
+  }
+
+ private:
+  struct Lump {
+    double x, y, radius;
+  };
+
+  // Returns the height of the highest lump at a position.
+  double lump_height(double x, double y) const {
+    constexpr double kSteepness = 2;  // of a fillet of a tenth of the diameter, lumps are 0.3 radii high
+    double highest = 0;
+    for (const Lump& lump : lumps_) {
+      const double share = std::hypot(x - lump.x, y - lump.y) / lump.radius;
+      if (share < 1) highest = std::max(highest, kSteepness * lump.radius * (1 - share * share));
+    }
+    return highest;
+  }
+
+  std::array<double, 4> phases_;
+  std::array<Lump, 90> lumps_;
+};
+
+// Returns a fillet: a fan of triangles around the middle, then rings of kAround corners with two triangles between
+// neighbouring pairs.
 ObjectShape fillet(int number) {
   constexpr std::uint64_t kFilletShapes = 0x66696c6c;  // seed: "fill" in ASCII
-  constexpr int kAround = 40;
-  // Radii of the rings of corners, dense where the slope changes.
-  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
+  constexpr int kAround = 72, kRings = 16;
+  constexpr double kFirstRing = 0.5, kRingSpacing = 0.042;  // radii
   dem::Draws draws(kFilletShapes, 0, number, 0);
-  const double phase_2 = 2 * pi * draws.uniform();
-  const double phase_3 = 2 * pi * draws.uniform();
-  const double phase_1 = 2 * pi * draws.uniform();
+  const Mound mound(draws);
   ObjectShape out;
   out.parts = {"soil"};
-  const auto add_corner = [&](double ring, double angle) {
-    const double widening = 0.04 * std::cos(2 * angle + phase_2) + 0.04 * std::cos(3 * angle + phase_3);
-    const double radius = ring * (1 + widening * std::clamp((ring - kContactRadius) / (1 - kContactRadius), 0.0, 1.0));
-    const double heightening = 1 + 0.25 * std::cos(angle + phase_1);
-    const double step = 1e-3;
-    const auto height = [&](double radius_at) {
-      return heightening * fillet_height((1 - radius_at) / (1 - kContactRadius));
-    };
-    // Shade the edge, and the part below ground, like the ground: no seam is then visible.
-    const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
-    const Vec3 outward(std::cos(angle), std::sin(angle), 0);
-    out.corners.push_back({Vec3(radius * outward + height(ring) * Vec3::UnitZ()).cast<float>(),
-                           Vec3(slope * outward + Vec3::UnitZ()).normalized().cast<float>()});
+  const auto add_corner = [&](double x, double y) {
+    constexpr double kStep = 0.01;
+    const double east = (mound.height(x + kStep, y) - mound.height(x - kStep, y)) / (2 * kStep);
+    const double north = (mound.height(x, y + kStep) - mound.height(x, y - kStep)) / (2 * kStep);
+    out.corners.push_back(
+        {Vec3(x, y, mound.height(x, y)).cast<float>(), Vec3(-east, -north, 1).normalized().cast<float>()});
   };
   add_corner(0, 0);
-  for (const double ring : kRings)
-    for (int i = 0; i < kAround; ++i) add_corner(ring, 2 * pi * i / kAround);
-  const auto corner = [](std::size_t ring, int i) {
-    return static_cast<std::uint32_t>(1 + ring * kAround + static_cast<std::size_t>(i % kAround));
-  };
+  for (int ring = 0; ring < kRings; ++ring)
+    for (int i = 0; i < kAround; ++i) {
+      const double radius = kFirstRing + kRingSpacing * ring, angle = 2 * pi * (i + 0.5 * (ring % 2)) / kAround;
+      add_corner(radius * std::cos(angle), radius * std::sin(angle));
+    }
+  const auto corner = [](int ring, int i) { return static_cast<std::uint32_t>(1 + ring * kAround + i % kAround); };
   for (int i = 0; i < kAround; ++i) {
     out.triangles.push_back({{0, corner(0, i), corner(0, i + 1)}, 0});
-    for (std::size_t ring = 1; ring < kRings.size(); ++ring) {
+    for (int ring = 1; ring < kRings; ++ring) {
       const std::uint32_t a = corner(ring - 1, i);
       const std::uint32_t b = corner(ring, i);
       const std::uint32_t c = corner(ring, i + 1);
       const std::uint32_t d = corner(ring - 1, i + 1);
-      out.triangles.push_back({{a, b, c}, 0});
-      out.triangles.push_back({{a, c, d}, 0});
+      // Corners of odd rings are half a side ahead: take the shorter diagonal.
+      if (ring % 2 == 1) {
+        out.triangles.push_back({{a, b, d}, 0});
+        out.triangles.push_back({{b, c, d}, 0});
+      } else {
+        out.triangles.push_back({{a, b, c}, 0});
+        out.triangles.push_back({{a, c, d}, 0});
+      }
     }
   }
   return out;
