@@ -31,7 +31,7 @@ FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_e
 }
 
 // Of a Sun that is not low.
-int strata() { return test::full_effort() ? 24 : 9; }
+int strata() { return test::full_effort() ? 24 : 16; }
 
 void say(const IndirectTruth::Error& found, double elevation_deg) {
   fmt::print("Sun {} degrees high: ratio {:.4f}, in shadow {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n",
