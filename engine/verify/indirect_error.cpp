@@ -6,6 +6,8 @@
 #include <numbers>
 
 #include "dem/base/quantile.h"
+#include "engine/cache/render_context.h"
+#include "engine/maps/render_map.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
 #include "engine/rays/ray_queries.h"
@@ -39,24 +41,31 @@ struct SphereRays {
   std::vector<std::size_t> points;
 };
 
-constexpr int kAzimuths = 128;
+constexpr int kAzimuths = 1440;
 
-// Appends a point's rays of one azimuth.
+// Appends a point's rays of one azimuth. The elevations move within their strata from azimuth to azimuth by the golden
+// section: all rays are a lattice without rows.
 void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal, int strata,
                  SphereRays& out) {
-  constexpr int kHigh = 8;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
-  // Lower bound of a low stratum's elevations, which are denser towards the horizon.
+  // Elevation of a low row, which may lie between two strata; rows are denser towards the horizon.
   const auto low = [&](double row) {
     const double u = 2 * row / strata - 1;
     return kBorder * u * (0.15 + 0.85 * u * u);
   };
+  // Elevations per row, the derivative of low().
+  const auto low_per_row = [&](double row) {
+    const double u = 2 * row / strata - 1;
+    return kBorder * 2 / strata * (0.15 + 3 * 0.85 * u * u);
+  };
   const EastNorthUp axes = local_axes(position_m.normalized());
-  for (int row = 0; row < strata + kHigh; ++row) {
+  const double phi = 2 * kPi * azimuth / kAzimuths;
+  double turns = 0;
+  const double offset = std::modf(azimuth / std::numbers::phi, &turns);
+  for (int row = 0; row <= strata; ++row) {
     const bool is_low = row < strata;
-    const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
-                 elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
-    const double phi = 2 * kPi * (azimuth + 0.25 + 0.5 * (row % 2)) / kAzimuths;
+    const double height = is_low ? low_per_row(row + offset) : kPi / 2 - kBorder;
+    const double elevation = is_low ? low(row + offset) : kBorder + offset * height;
     const Vec3 direction =
         std::cos(elevation) * (std::cos(phi) * axes.east + std::sin(phi) * axes.north) + std::sin(elevation) * axes.up;
     const double cosine = direction.dot(normal);
@@ -102,30 +111,40 @@ std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Ve
   return light_w_m2;
 }
 
-// Returns the processor time of a frame. Unlike elapsed time it does not grow with the machine's other work.
-double ms_of(const Renderer& renderer, const FrameRequest& request) {
+// Returns the processor time of work. Unlike elapsed time it does not grow with the machine's other work.
+template <typename Work>
+double ms_of(const Work& work) {
   const std::clock_t start = std::clock();
-  renderer.render(request);
+  work();
   return 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
 }
 
-// Returns the request under a Sun three degrees further along its great circle around the zenith.
-FrameRequest with_next_sun(FrameRequest request) {
+// Returns the Sun's direction three degrees further around a vertical.
+Vec3 next_sun(const Vec3& direction, const Vec3& up) {
   constexpr double kStep_deg = 3;
-  request.sun.direction =
-      Eigen::AngleAxisd(kStep_deg * kRadiansPerDegree, request.pose.position_m.normalized()) * request.sun.direction;
-  return request;
+  return Eigen::AngleAxisd(kStep_deg * kRadiansPerDegree, up) * direction;
+}
+
+// Measures images without light from terrain and such that find it cached, in turn; keeps the shortest times.
+template <typename Without, typename With>
+void measure_cached(int repetitions, const Without& render_without, const With& render_with, IndirectTimes& times) {
+  std::vector<double> kept_ms, without_ms;
+  for (int i = 0; i < repetitions; ++i) {
+    without_ms.push_back(ms_of(render_without));
+    kept_ms.push_back(ms_of(render_with));
+  }
+  times.without_ms = *std::min_element(without_ms.begin(), without_ms.end());
+  times.kept_ms = *std::min_element(kept_ms.begin(), kept_ms.end());
 }
 
 }  // namespace
 
-IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata) : request_(request) {
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request) : request_(request) {
   request_.products = kPosition | kNormal | kLit;
   const FrameProducts products = renderer.render(request_).products;
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
-  std::vector<Vec3> positions_m, normals;
   const int side = request.camera.width, step = side / kPointsAlong;
   for (int row = step / 3; row < side; row += step)
     for (int column = step / 3; column < side; column += step) {
@@ -134,23 +153,32 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
       in_shadow_.push_back(products.lit[pixel] == 0);
-      positions_m.push_back(position_m);
-      normals.push_back(at(products.normal, pixel));
+      positions_m_.push_back(position_m);
+      normals_.push_back(at(products.normal, pixel));
     }
-  put_on_ground(positions_m, renderer, request);
-  light_w_m2_ = light_by_rays(renderer, positions_m, normals, request, strata);
   request_.products = kIrradiance;
   request_.indirect.terrain = true;
+}
+
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata)
+    : IndirectTruth(renderer, request) {
+  put_on_ground(positions_m_, renderer, request);
+  light_w_m2_ = light_by_rays(renderer, positions_m_, normals_, request, strata);
+}
+
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request,
+                             const std::function<double(const Vec3& position_m)>& light_w_m2)
+    : IndirectTruth(renderer, request) {
+  for (const Vec3& position_m : positions_m_) light_w_m2_.push_back(light_w_m2(position_m));
 }
 
 IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
   Error out;
   double ours = 0, truths = 0, squares = 0, shadow_ours = 0, shadow_truths = 0, shadow_squares = 0;
-  int shadows = 0;
   std::vector<double> differences;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
-    if (std::isnan(light)) continue;
+    if (std::isnan(light) || std::isnan(truth)) continue;
     ours += light;
     truths += truth;
     squares += std::pow(light - truth, 2);
@@ -158,7 +186,7 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
       shadow_ours += light;
       shadow_truths += truth;
       shadow_squares += std::pow(light - truth, 2);
-      ++shadows;
+      ++out.shadows;
     }
     differences.push_back(truth > 0 ? std::abs(light / truth - 1) : 0);
     if (truth > 1e-4 * kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
@@ -169,7 +197,7 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
   out.ratio = ours / truths;
   if (shadow_truths > 0) {
     out.shadow_ratio = shadow_ours / shadow_truths;
-    out.shadow_rms = std::sqrt(shadow_squares / shadows) / (shadow_truths / shadows);
+    out.shadow_rms = std::sqrt(shadow_squares / out.shadows) / (shadow_truths / out.shadows);
   }
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;
@@ -178,22 +206,57 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
 IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions) {
   FrameRequest with = truth.request();
   with.indirect.spacing_px = spacing_px;
-  FrameRequest without = with;
+  FrameRequest without = with, moved = with;
   without.indirect.terrain = false;
+  moved.sun.direction = next_sun(with.sun.direction, with.pose.position_m.normalized());
+  const auto render = [&](const FrameRequest& request) { return [&] { renderer.render(request); }; };
   IndirectRow row;
   row.spacing_px = spacing_px;
   renderer.render(without);
-  row.first_ms = ms_of(renderer, with);
+  row.times.first_ms = ms_of(render(with));
   row.error = truth.of(renderer.render(with).products.irradiance);
-  row.new_sun_ms = ms_of(renderer, with_next_sun(with));
-  std::vector<double> cached_ms, without_ms;
-  for (int i = 0; i < repetitions; ++i) {
-    without_ms.push_back(ms_of(renderer, without));
-    cached_ms.push_back(ms_of(renderer, with));
-  }
-  row.without_ms = *std::min_element(without_ms.begin(), without_ms.end());
-  row.kept_ms = *std::min_element(cached_ms.begin(), cached_ms.end());
+  row.times.new_sun_ms = ms_of(render(moved));
+  measure_cached(repetitions, render(without), render(with), row.times);
   return row;
+}
+
+IndirectMapRow measure_indirect_map(const Renderer& renderer, const MapRequest& request, int repetitions) {
+  MapRequest with = request;
+  with.scenery.indirect.terrain = true;
+  MapRequest without = with, moved = with;
+  without.scenery.indirect.terrain = false;
+  moved.scenery.sun.direction = next_sun(with.scenery.sun.direction,
+                                         to_cartesian({with.grid.plane.lat_deg, with.grid.plane.lon_deg}).normalized());
+  const auto render = [&](const MapRequest& map) {
+    return [&] { renderer.query({}, {}, [&](const RenderContext& context) { return render_map(map, context); }); };
+  };
+  IndirectMapRow row;
+  render(without)();
+  row.times.first_ms = ms_of(render(with));
+  renderer.query({}, {}, [&](const RenderContext& context) {
+    const LightTiles& light = context.cache.light_tiles();
+    row.posts = light.posts_made();
+    row.bytes_per_post = static_cast<double>(light.bytes()) / static_cast<double>(row.posts);
+    return 0;
+  });
+  row.times.new_sun_ms = ms_of(render(moved));
+  measure_cached(repetitions, render(without), render(with), row.times);
+  return row;
+}
+
+MapRequest indirect_site(const Geographic& center) {
+  constexpr int kSide_px = 200;
+  constexpr double kPixel_m = 10, kHalf_m = kSide_px * kPixel_m / 2;
+  MapRequest request;
+  request.grid = {
+      .plane = {.projection = dem::MapProjection::orthographic, .lat_deg = center.lat_deg, .lon_deg = center.lon_deg},
+      .west_m = -kHalf_m,
+      .north_m = kHalf_m,
+      .gsd_m = kPixel_m,
+      .width = kSide_px,
+      .height = kSide_px};
+  request.products = kIrradiance;
+  return request;
 }
 
 }  // namespace selenograph::engine

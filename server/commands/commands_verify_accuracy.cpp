@@ -6,11 +6,13 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <string_view>
 #include <thread>
 
 #include "api/answers/accuracy_report.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
+#include "engine/verify/closed_forms.h"
 #include "engine/verify/indirect_error.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -97,9 +99,17 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
-// Returns the scenes to measure. Throws if one of --scenes needs another option.
-std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, const engine::Renderer& renderer) {
-  const SceneCenters centers = scene_centers(s, renderer.terrain());
+// Scenes of --indirect besides frames of the terrain.
+constexpr std::string_view kLightScenes[] = {"bowls", "trenches", "site"};
+
+// Returns true for a scene that the options do not exclude.
+bool is_measured(const VerifyAccuracySettings& s, std::string_view scene) {
+  return s.scenes.empty() || std::ranges::find(s.scenes, scene) != s.scenes.end();
+}
+
+// Returns the frames to measure. Throws if one of --scenes needs another option.
+std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, const engine::Renderer& renderer,
+                                             const SceneCenters& centers) {
   const double height_m = s.height_m.value_or(
       s.indirect ? engine::height_over_posts_m(renderer.terrain(), centers.center, s.size_px) : 20e3);
   auto scenes = engine::accuracy_scenes(renderer.terrain(), centers.center, centers.polar, s.size_px, height_m);
@@ -107,14 +117,17 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
     scenes.push_back(engine::touchdown_scene(*renderer.terrain_with(detail), detail, centers.center, s.size_px));
   if (s.indirect)
     std::erase_if(scenes, [](const auto& scene) { return scene.name != "nadir" && scene.name != "polar"; });
+  std::vector<std::string_view> names;
+  for (const engine::AccuracyScene& scene : scenes) names.push_back(scene.name);
+  if (s.indirect) names.insert(names.end(), std::begin(kLightScenes), std::end(kLightScenes));
   for (const std::string& name : s.scenes)
-    if (std::ranges::find(scenes, name, &engine::AccuracyScene::name) == scenes.end())
+    if (std::ranges::find(names, name) == names.end())
       throw std::runtime_error("--scenes " + name +
-                               (name == "polar" ? " needs --polar-center"
-                                : s.indirect    ? ": --indirect measures nadir and polar"
-                                                : " needs --detail"));
-  if (!s.scenes.empty())
-    std::erase_if(scenes, [&](const auto& scene) { return std::ranges::find(s.scenes, scene.name) == s.scenes.end(); });
+                               (name == "polar"       ? " needs --polar-center"
+                                : s.indirect          ? ": --indirect has other scenes"
+                                : name == "touchdown" ? " needs --detail"
+                                                      : " needs --indirect"));
+  std::erase_if(scenes, [&](const auto& scene) { return !is_measured(s, scene.name); });
   return scenes;
 }
 
@@ -132,34 +145,112 @@ std::vector<std::pair<double, engine::FrameRequest>> under_suns(const engine::Ac
   return out;
 }
 
-// Measures the error of light from terrain against processor time. Each row has its own renderer, whose light cache is
-// empty.
-int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
-                    const std::vector<engine::AccuracyScene>& scenes) {
-  std::string table;
-  const auto add = [&](const std::string& line) {
-    table += line;
+// Tables of the error and the cost of light from terrain, printed row by row. Each row has its own renderer, whose
+// light cache is empty.
+class IndirectTables {
+ public:
+  explicit IndirectTables(const VerifyAccuracySettings& s) : s_(s) {}
+
+  void add_frames(const TerrainSettings& terrain, const engine::Renderer& renderer,
+                  const std::vector<engine::AccuracyScene>& scenes) {
+    for (const engine::AccuracyScene& scene : scenes)
+      for (const auto& [elevation_deg, request] : under_suns(scene, s_)) {
+        // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
+        constexpr double kLow_deg = 8;
+        const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 72 : 24);
+        for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0})
+          add_row(scene.name, elevation_deg, measure(terrain, truth, spacing_px));
+      }
+  }
+
+  // Adds a ground with a closed form, at the default spacing of posts.
+  void add_closed_form(const engine::ClosedForm& form) {
+    const int width_posts = s_.size_px * 4 / 5;
+    TerrainSettings terrain = s_.terrain;
+    terrain.dem = {(fs::path(s_.output) / (form.name + ".tif")).string()};
+    engine::write_ground(form, width_posts, terrain.dem.front());
+    const auto renderer = make_renderer(terrain);
+    const double height_m = engine::height_over_posts_m(renderer->terrain(), engine::kClosedFormCenter, s_.size_px);
+    engine::FrameRequest request =
+        engine::accuracy_scenes(renderer->terrain(), engine::kClosedFormCenter, {}, s_.size_px, height_m)
+            .front()
+            .frames.front();
+    request.reflectance = {.model = engine::ReflectanceModel::lambert};
+    for (const double elevation_deg : form.suns_deg) {
+      request.sun.direction =
+          engine::sun_direction(local_axes(request.pose.position_m), form.sun_azimuth_deg, elevation_deg);
+      const engine::IndirectTruth truth(*renderer, request, [&](const Vec3& position_m) {
+        return engine::light_w_m2(form, width_posts, position_m, elevation_deg, request.reflectance.rho);
+      });
+      add_row(form.name, elevation_deg, measure(terrain, truth, engine::IndirectLight::kDefaultSpacing_px));
+    }
+  }
+
+  void add_site(const TerrainSettings& terrain, const Geographic& center) {
+    add("\n| site | Sun | reflectance | posts | KB a post | without ms | first ms | new Sun ms | kept ms |\n"
+        "|---|---|---|---|---|---|---|---|---|\n");
+    const std::vector<double> suns_deg = s_.suns_deg.empty() ? std::vector<double>{5} : s_.suns_deg;
+    for (const double elevation_deg : suns_deg)
+      for (const auto model : {engine::ReflectanceModel::lambert, engine::ReflectanceModel::lommel_seeliger}) {
+        engine::MapRequest request = engine::indirect_site(center);
+        request.scenery.reflectance = {.model = model};
+        request.scenery.sun.direction =
+            engine::sun_direction(local_axes(center.lat_deg, center.lon_deg), s_.sun_azimuth_deg, elevation_deg);
+        const auto row = engine::measure_indirect_map(*make_renderer(terrain), request, s_.repetitions);
+        add(fmt::format("| 2 km | {:.3g} | {} | {} | {:.1f} |{}\n", elevation_deg,
+                        model == engine::ReflectanceModel::lambert ? "Lambert" : "Lommel-Seeliger", row.posts,
+                        row.bytes_per_post / 1e3, times_text(row.times)));
+      }
+  }
+
+  void begin_errors() {
+    add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms | "
+        "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+  }
+  const std::string& text() const { return text_; }
+
+ private:
+  engine::IndirectRow measure(const TerrainSettings& terrain, const engine::IndirectTruth& truth,
+                              double spacing_px) const {
+    return engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s_.repetitions);
+  }
+
+  static std::string times_text(const engine::IndirectTimes& t) {
+    return fmt::format(" {:.1f} | {:.0f} | {:.0f} | {:.1f} |", t.without_ms, t.first_ms, t.new_sun_ms, t.kept_ms);
+  }
+
+  void add_row(const std::string& scene, double elevation_deg, const engine::IndirectRow& row) {
+    const auto& error = row.error;
+    const std::string shadows = error.shadows > 0
+                                    ? fmt::format("{:.3f} | {:.2f}", error.shadow_ratio, 100 * error.shadow_rms)
+                                    : std::string("- | -");
+    add(fmt::format("| {} | {:.3g} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {} |{}\n", scene, elevation_deg,
+                    row.spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst, shadows,
+                    times_text(row.times)));
+  }
+
+  void add(const std::string& line) {
+    text_ += line;
     fmt::print("{}", line);
     std::fflush(stdout);
-  };
-  add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms | "
-      "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
-  for (const engine::AccuracyScene& scene : scenes)
-    for (const auto& [elevation_deg, request] : under_suns(scene, s)) {
-      // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
-      constexpr double kLow_deg = 5;
-      const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 768 : 256);
-      for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
-        const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
-        const auto& error = row.error;
-        add(fmt::format(
-            "| {} | {:.3g} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.3f} | {:.2f} | {:.1f} | {:.0f} | {:.0f} | "
-            "{:.1f} |\n",
-            scene.name, elevation_deg, spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst,
-            error.shadow_ratio, 100 * error.shadow_rms, row.without_ms, row.first_ms, row.new_sun_ms, row.kept_ms));
-      }
-    }
-  write_whole((fs::path(s.output) / "indirect.md").string(), table);
+  }
+
+  const VerifyAccuracySettings& s_;
+  std::string text_;
+};
+
+// Measures the error of light from terrain against processor time.
+int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
+                    const std::vector<engine::AccuracyScene>& scenes, const Geographic& center) {
+  IndirectTables tables(s);
+  tables.begin_errors();
+  tables.add_frames(terrain, renderer, scenes);
+  if (is_measured(s, "bowls"))
+    for (const engine::ClosedForm& form : engine::bowls()) tables.add_closed_form(form);
+  if (is_measured(s, "trenches"))
+    for (const engine::ClosedForm& form : engine::trenches()) tables.add_closed_form(form);
+  if (is_measured(s, "site")) tables.add_site(terrain, center);
+  write_whole((fs::path(s.output) / "indirect.md").string(), tables.text());
   fmt::print("{}\n", machine());
   return 0;
 }
@@ -171,9 +262,10 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   TerrainSettings terrain = settings.terrain;
   if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
   const auto renderer = make_renderer(terrain);
-  const auto scenes = scenes_of(settings, *renderer);
+  const SceneCenters centers = scene_centers(settings, renderer->terrain());
+  const auto scenes = scenes_of(settings, *renderer, centers);
   fs::create_directories(settings.output);
-  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes);
+  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes, centers.center);
   engine::SweepOptions options;
   options.repetitions = settings.repetitions;
   options.reference_samples = settings.reference_samples;

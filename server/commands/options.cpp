@@ -261,7 +261,8 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->type_name("NAME");
   command.add_option("--scenes", s.scenes, "Measure these scenes; default: all")
       ->delimiter(',')
-      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
+      ->check(
+          CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown", "bowls", "trenches", "site"}));
   command
       .add_option(
           "--height-m", s.height_m,
@@ -281,7 +282,8 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->capture_default_str();
   CLI::Option* indirect = command.add_flag(
       "--indirect", s.indirect,
-      "Measure the error of light from terrain by the spacing of its posts, in scenes nadir and polar");
+      "Measure the error of light from terrain instead, in the scenes nadir, polar, bowls and trenches, and "
+      "its cost over a site of 2 km");
   command
       .add_option("--sun-deg", s.suns_deg,
                   "Measure light from terrain under Suns of these elevations; default: 15, in the polar scene 2")

@@ -7,8 +7,8 @@ DEM is a folder of tiles; the camera looks straight down from so high above the 
 as '{"detail": "landing"}' or '{"indirect": {"terrain": true}}'. Frames are 1024 x 1024 pixels of `radiance` as
 octet-stream, 50 degrees wide, Sun at 15 degrees. Hovering, the camera turns by 0.001 degrees a frame, and one service
 is asked for both frames in turn, N times. First frames are those of services that start on a cache folder with the
-tiles' pyramids and without made ground, as often as --starts says. Printed are medians: the client's wall time and, in
-brackets, the ratio; hovering, the service's processor time, too.
+tiles' pyramids and without made ground, as often as --starts says. Printed are medians of the client's wall time and of
+the service's processor time and, in brackets, their ratios.
 """
 
 import argparse
@@ -79,6 +79,10 @@ class Served:
         return total_ns / 1e6
 
 
+def medians(times):
+    return [[statistics.median(column) for column in zip(*took)] for took in times]
+
+
 def hovering(place, height_m, sets, frames):
     """Medians of wall and processor time of each set of members."""
     times = [[] for _ in sets]
@@ -88,7 +92,7 @@ def hovering(place, height_m, sets, frames):
                 took = served.frame(place.body(height_m, i, members))
                 if i >= 0:
                     times[k].append(took)
-    return [[statistics.median(column) for column in zip(*took)] for took in times]
+    return medians(times)
 
 
 def first(place, height_m, sets, starts):
@@ -96,8 +100,8 @@ def first(place, height_m, sets, starts):
     for _ in range(starts):
         for k, members in enumerate(sets):
             with place.service() as served:
-                times[k].append(served.frame(place.body(height_m, 0, members))[0])
-    return [statistics.median(took) for took in times]
+                times[k].append(served.frame(place.body(height_m, 0, members)))
+    return medians(times)
 
 
 def main():
@@ -113,12 +117,12 @@ def main():
     try:
         place = Place(asked.dem, *map(float, asked.place.split(",")))
         sets = [{}, *asked.members]
-        print(f"{'':>7} {'':<34} {'hovering':>18} {'processor':>18} {'first frame':>18}")
+        print(f"{'':>7} {'':<34} {'hovering':>18} {'processor':>18} {'first frame':>18} {'processor':>18}")
         for height_m in map(float, asked.heights.split(",")):
             warm, cold = (measure(place, height_m, sets, times)
                           for measure, times in ((hovering, asked.frames), (first, asked.starts)))
-            for members, (wall, processor), start in zip(sets, warm, cold):
-                cells = ((wall, warm[0][0]), (processor, warm[0][1]), (start, cold[0]))
+            for members, *rows in zip(sets, warm, cold):
+                cells = [pair for row, plain in zip(rows, (warm[0], cold[0])) for pair in zip(row, plain)]
                 text = (f"{ms:6.0f} ms" + (f" ({ms / plain:4.2f})" if members else " " * 7) for ms, plain in cells)
                 print(f"{height_m:5.0f} m {json.dumps(members) if members else 'plain':<34} "
                       + " ".join(f"{cell:>18}" for cell in text), flush=True)

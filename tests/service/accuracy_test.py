@@ -118,7 +118,7 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertIn("details/nothing.json", done.stderr)
 
     def test_light_from_terrain(self):
-        done = run("verify", "accuracy", "--indirect", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64",
+        done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64",
                    "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
                    harness.path("indirect"))
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -136,7 +136,7 @@ class VerifyAccuracy(unittest.TestCase):
 
     def test_light_from_terrain_under_chosen_suns(self):
         def suns(*options):
-            done = run("verify", "accuracy", "--indirect", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
+            done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
                        "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
                        harness.path("suns"), *options)
             self.assertEqual(done.returncode, 0, done.stderr)
@@ -146,9 +146,28 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertEqual([row[1:8] for row in chosen[:5]], [row[1:8] for row in own])  # the scene's own Sun
         self.assertNotEqual(chosen[0][2:8], chosen[5][2:8])
 
+    def test_light_in_closed_forms(self):
+        """Bowls and trenches by their closed forms; light over a site by its posts' memory and times."""
+        done = run("verify", "accuracy", "--indirect", "--scenes", "bowls,trenches,site", "--dem", harness.path("dem"), "--center",
+                   "0.1,30.1", "--size-px", "128", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error",
+                   "-o", harness.path("closed"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in done.stdout.splitlines() if line.startswith("| ")]
+        forms = {(row[0], float(row[1])): float(row[3]) for row in rows if row[0].startswith(("bowl", "trench"))}
+        self.assertEqual(len(forms), 3 * 5 + 3)
+        for (name, sun_deg), ratio in forms.items():
+            self.assertLess(abs(ratio - 1), 0.02 if name.startswith("trench") else 0.05 if sun_deg > 5 else 0.2, (name, sun_deg))
+        site = [row for row in rows if row[0] == "2 km"]
+        self.assertEqual([row[2] for row in site], ["Lambert", "Lommel-Seeliger"])
+        for row in site:
+            self.assertGreater(int(row[3]), 0)
+            self.assertLess(float(row[4]), 30)  # few posts share the relief
+            self.assertGreater(float(row[6]), float(row[5]))
+
     def test_a_scene_that_is_not_there_is_refused(self):
         for options, words in ((("--scenes", "polar"), "--polar-center"), (("--scenes", "nadir,touchdown"), "--detail"),
-                               (("--indirect", "--scenes", "limb"), "nadir and polar"),
+                               (("--indirect", "--scenes", "limb"), "has other scenes"),
+                               (("--scenes", "bowls"), "--indirect"),
                                (("--indirect", "--scenes", "polar"), "--polar-center")):
             done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
                        "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", harness.path("refused"), *options)

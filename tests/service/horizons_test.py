@@ -2,6 +2,7 @@
 """POST /v1/horizons and /v1/illumination, and their commands: against closed forms and against the discs of maps."""
 
 import csv
+import datetime
 import io
 import json
 import os
@@ -66,6 +67,49 @@ class Horizons(unittest.TestCase):
                 self.assertLess(np.abs(error).mean(), 0.03, utc)
                 checked += 1
         self.assertGreaterEqual(checked, 2)
+
+    def shares_beside_discs(self, dem, centre, half_m, farthest_km, epochs):
+        """Errors of the Sun's share in a year's series at 200 random places, at random epochs, and the shares `lit` of
+        the disc there, by rays straight down as frames cast them."""
+        random = np.random.default_rng(11)
+        half_deg = np.degrees(half_m / RADIUS_M)
+        places = [{"lat_deg": centre["lat_deg"] + half_deg * y,
+                   "lon_deg": centre["lon_deg"] + half_deg / np.cos(np.radians(centre["lat_deg"])) * x}
+                  for x, y in random.uniform(-1, 1, (200, 2))]
+        start = datetime.datetime(2026, 12, 1)
+        harness.write("series.json", {"places": places, "from_utc": f"{start.isoformat()}Z", "to_utc": "2027-12-01T00:00:00Z",
+                                      "step_s": 3600, "horizon": {**HORIZON, "farthest_km": farthest_km}})
+        done = harness.run("illumination", harness.path("series.json"), "-o", harness.path("series.npz"), "--dem", dem,
+                           "--cache-dir", harness.path("cache"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(harness.path("series.npz")) as archive:
+            series = archive["sun"]
+        lat, lon = np.radians([[place["lat_deg"], place["lon_deg"]] for place in places]).T
+        up = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+        rays = [{"origin_m": list((RADIUS_M + 20e3) * d), "direction": list(-d)} for d in up]
+        service = Service(dem=dem)
+        errors, shares = [], []
+        for epoch in random.integers(0, len(series), epochs):
+            utc = (start + datetime.timedelta(hours=int(epoch))).isoformat() + "Z"
+            lit = service.arrays({"rays": rays, "sun": {"utc": utc, "angular_radius_deg": "sun", "limb_darkening": 0.6}}, "/v1/rays")["lit"]
+            errors.append(series[epoch] - lit)
+            shares.append(lit)
+        service.expect_clean_stop()
+        return np.array(errors), np.array(shares)
+
+    def test_shares_at_random_places_and_epochs(self):
+        """Near a pole, where the Sun stands on the horizon for hours, with the limb darkening of the series."""
+        if not (real := harness.shared_data("real")):
+            self.skipTest("no shared data")
+        centre = {"lat_deg": -84.19055, "lon_deg": 86.58583}
+        errors, shares = self.shares_beside_discs(os.path.join(real, "mesh_2km_5mpix.tif"), centre, 700, 3,
+                                                  200 if harness.full_effort() else 40)
+        partly = errors[(shares > 0) & (shares < 1)]
+        print(f"mean absolute error {np.abs(errors).mean():.4f} of {errors.size} shares, {np.abs(partly).mean():.4f} of "
+              f"{partly.size} partly lit; mean {errors.mean():.4f}, {partly.mean():.4f}")
+        self.assertGreater(partly.size, 100)
+        self.assertLess(np.abs(errors).mean(), 0.001)
+        self.assertLess(np.abs(partly).mean(), 0.02)
 
     def test_a_tilted_map_tilts_its_horizon(self):
         body = {"places": [PLACE], "horizon": {"azimuths": 72, "farthest_km": 4}}
