@@ -17,8 +17,8 @@ constexpr std::string_view kAngles[] = {"incidence_deg", "emission_deg", "phase_
 constexpr std::string_view kLightSources[] = {"direct", "terrain", "earth"};
 constexpr std::string_view kImageAxes[] = {"x", "y"};
 
-// In each row: bit, name, array, components, whether it needs a Sun, meaning in frames (empty: maps only), and, for
-// maps, order, unit and meaning.
+// In each row: bit, name, array, components, whether it needs a Sun, meaning in frames (empty: maps only, after all
+// others), and, for maps, order, unit and meaning.
 constexpr ProductRow kTable[] = {
     {engine::kImage,
      "image",
@@ -154,9 +154,9 @@ constexpr ProductRow kTable[] = {
       "none; 65535 for no data"}},
 };
 
-// Number of products of frames: they come first in the table, those of maps alone last.
-constexpr std::size_t kFrameProductCount =
-    std::ranges::count_if(kTable, [](const ProductRow& row) { return !row.meaning.empty(); });
+constexpr bool is_of_frames(const ProductRow& row) { return !row.meaning.empty(); }
+constexpr std::size_t kFrameProductCount = std::ranges::count_if(kTable, is_of_frames);
+static_assert(std::ranges::is_partitioned(kTable, is_of_frames), "products of maps alone come last");
 
 // Returns the rows of products that maps have, in their own order and with their meaning in maps.
 std::vector<ProductRow> rows_of_maps() {

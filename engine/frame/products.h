@@ -39,7 +39,7 @@ enum Product : std::uint32_t {
 using ProductSet = std::uint32_t;
 
 // Arrays of height x width (x components), row 0 on top; empty if not requested. The API defines the values of missing
-// data.
+// data. Their order means nothing.
 struct FrameProducts {
   std::vector<std::uint16_t> image;  // 8-bit images, too: the encoder converts them
   std::vector<float> radiance;       // W m-2 sr-1, band-integrated over the solar irradiance's band

@@ -23,6 +23,7 @@ BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
 PATIENCE_S = 120
 REPOSITORY = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 WIDTH, HEIGHT = 48, 40
+# Not all: tests of memory rely on their size.
 PRODUCTS = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source")
 PLACE = ("--south-deg", "-1", "--west-deg", "29", "--rows", "2")  # 2 x 2 tiles around 0 N 30 E
 
