@@ -247,7 +247,7 @@ class Requests(unittest.TestCase):
         frames = set(member_of(frame, "pose/frame")["enum"])
         self.assertLessEqual(set(selenograph.FRAMES.values()) | set(selenograph.INERTIAL), frames)
         [sunless] = [option["properties"]["products"]["items"]["enum"] for part in frame["allOf"]
-                     for option in part.get("anyOf", [{}])[0].get("anyOf", []) if "properties" in option]
+                     for option in part.get("anyOf", [{}])[0].get("anyOf", []) if "products" in option.get("required", [])]
         self.assertEqual(selenograph.NEED_SUN, set(member_of(frame, "products")["items"]["enum"]) - set(sunless))
         for name in selenograph.NEED_SUN:
             self.assertIn(name, frame["description"])
