@@ -9,7 +9,7 @@
 // than the faster way the one is that "auto" chooses. adds/...: what radiometry and sensor cost beside the plain frame.
 // --target: the vectors to use at most (AVX3, AVX2, ...), for the z-buffer; Embree chooses its own.
 #include "dem/base/vector_targets.h"
-// Before Highway.
+// Highway's headers come after it: which sets of vectors they know depends on it.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 #include <hwy/targets.h>

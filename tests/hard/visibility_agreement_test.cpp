@@ -1,7 +1,7 @@
 // The z-buffer against rays, pixel by pixel: the same points, the same shadows; where they differ on a shadow, the
 // double-precision judge says who is right.
 #include "dem/base/vector_targets.h"
-// Before Highway.
+// Highway's headers come after it: which sets of vectors they know depends on it.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <hwy/targets.h>

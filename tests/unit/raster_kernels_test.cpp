@@ -3,7 +3,7 @@
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
 #include "dem/base/vector_targets.h"
-// Before Highway.
+// Highway's headers come after it: which sets of vectors they know depends on it.
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 

@@ -1,6 +1,6 @@
 // The sensor's numbers, and detail's heights, are the same bits at every width of vectors.
 #include "dem/base/vector_targets.h"
-// Before Highway.
+// Highway's headers come after it: which sets of vectors they know depends on it.
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
