@@ -33,13 +33,13 @@ bool is_stated(const OrderedJson& fallback) {
 
 // Returns the row's entry in the schema's "properties".
 OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
-  OrderedJson json = row.schema(limits);
+  OrderedJson json = row.values->schema(limits);
   std::string description = with_unit(row);
   if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
   json["description"] = description;
   if (!row.unit.empty()) json["x-unit"] = row.unit;  // machine-readable; the description names the unit, too
-  if (row.fallback)
-    if (const OrderedJson fallback = row.fallback(limits); is_stated(fallback)) json["default"] = fallback;
+  if (!row.required)
+    if (const OrderedJson fallback = row.values->fallback(limits); is_stated(fallback)) json["default"] = fallback;
   return json;
 }
 
@@ -106,7 +106,7 @@ std::string type_text(const OrderedJson& schema) {
 // Returns the row's default for requests.md: "required", the value, or nothing for a default not worth stating.
 std::string default_text(const MemberRow& row, const Limits& limits) {
   if (row.required) return "required";
-  const OrderedJson fallback = row.fallback ? row.fallback(limits) : OrderedJson();
+  const OrderedJson fallback = row.values->fallback(limits);
   return is_stated(fallback) ? quoted_code(fallback) : "";
 }
 
@@ -207,8 +207,8 @@ void MemberTable::add_row(MemberRow row) {
 void MemberTable::set_model(std::string_view name) {
   const MemberRow& row = *std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
   model_ = name;
-  row.schema(Limits{})["enum"].get_to(model_words_);
-  if (!row.required) row.fallback(Limits{}).get_to(default_model_);
+  row.values->schema(Limits{})["enum"].get_to(model_words_);
+  if (!row.required) row.values->fallback(Limits{}).get_to(default_model_);
 }
 
 bool MemberTable::check_names(const JsonReader& in) const {
@@ -297,7 +297,7 @@ std::string MemberTable::markdown(const Limits& limits) const {
   out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
   for (const MemberRow& row : rows_) {
     const std::string models = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
-    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.schema(limits))), row.unit,
+    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.values->schema(limits))), row.unit,
                        cell(default_text(row, limits)), cell(row.text + models));
   }
   return out;

@@ -43,7 +43,15 @@ struct ReadContext {
 
 class MemberTable;
 
-// Description of a member: its row without the functions that access a C++ object.
+// The values of a member, whatever their C++ type.
+class MemberValues {
+ public:
+  virtual ~MemberValues() = default;
+  virtual OrderedJson schema(const Limits& limits) const = 0;    // without description and default
+  virtual OrderedJson fallback(const Limits& limits) const = 0;  // the default; null: none
+};
+
+// Description of a member: its row without the access to a C++ object.
 struct MemberRow {
   std::string_view name;
   std::string_view unit;  // empty: none
@@ -52,9 +60,8 @@ struct MemberRow {
   // Words of the table's model (MemberTable::set_model) that have this member; empty: all. With other words the member
   // is a fault.
   std::vector<std::string_view> models{};
-  std::function<OrderedJson(const Limits&)> schema{};    // schema of its values, without description and default
-  std::function<OrderedJson(const Limits&)> fallback{};  // the default; null: none
-  std::vector<const MemberTable*> objects{};             // tables of the objects in its values
+  const MemberValues* values = nullptr;       // of the table
+  std::vector<const MemberTable*> objects{};  // tables of the objects in its values
 
   // Returns true if objects with this word as their model have the member.
   bool is_of(std::string_view model) const;
@@ -189,7 +196,6 @@ class Members : public MemberTable {
     AddedRow(MemberRow& row, std::function<bool(const Form&)>& written_if) : row_(row), written_if_(written_if) {}
     AddedRow& required() {
       row_.required = true;
-      row_.fallback = nullptr;
       return *this;
     }
     // Restricts the member to these words of the table's model.
@@ -216,15 +222,10 @@ class Members : public MemberTable {
     MemberRow row{name, {}, std::move(text)};
     if constexpr (requires { kind.unit; }) row.unit = kind.unit;
     if constexpr (requires { kind.objects(); }) row.objects = kind.objects();
-    row.schema = [kind](const Limits& limits) { return kind.schema(limits); };
-    row.fallback = [this, field, kind](const Limits& limits) { return fallback(field, kind, initial(limits)); };
+    access_.push_back(std::make_unique<FieldAccess<Field, Kind>>(*this, field, std::move(kind)));
+    row.values = access_.back().get();
     add_row(std::move(row));
-    access_.push_back({[field, kind](const JsonReader& in, Form& form, const ReadContext& context) {
-                         if (auto value = kind.read(in, context)) assign(field, form, std::move(*value));
-                       },
-                       [field, kind](const Form& form) { return written(field, kind, form); },
-                       {}});
-    return {rows_.back(), access_.back().written_if};
+    return {rows_.back(), access_.back()->written_if};
   }
 
   // Sets defaults that depend on the service's limits.
@@ -245,7 +246,7 @@ class Members : public MemberTable {
     Form form = initial(context.limits);
     check_rules(in);
     for (std::size_t i = 0; i < rows_.size(); ++i)
-      if (in.has(rows_[i].name)) access_[i].read(in.at(rows_[i].name), form, context);
+      if (in.has(rows_[i].name)) access_[i]->read(in.at(rows_[i].name), form, context);
     if (check_) check_(in, form, context);
     if (in.faults() != before) return std::nullopt;
     if (resolve_) return resolve_(in, form, context);
@@ -279,11 +280,28 @@ class Members : public MemberTable {
   }
 
  private:
-  // The functions of a row that access a form.
-  struct Access {
-    std::function<void(const JsonReader&, Form&, const ReadContext&)> read;
-    std::function<OrderedJson(const Form&)> write;  // returns null if there is nothing to write
-    std::function<bool(const Form&)> written_if;    // null: always
+  // A row's access to a form.
+  struct Access : MemberValues {
+    virtual void read(const JsonReader& in, Form& form, const ReadContext& context) const = 0;
+    virtual OrderedJson write(const Form& form) const = 0;  // returns null if there is nothing to write
+    std::function<bool(const Form&)> written_if{};          // null: always
+  };
+  template <typename Field, typename Kind>
+  struct FieldAccess final : Access {
+    FieldAccess(const Members& of, Field of_form, Kind of_value)
+        : table(of), field(std::move(of_form)), kind(std::move(of_value)) {}
+    OrderedJson schema(const Limits& limits) const override { return kind.schema(limits); }
+    OrderedJson fallback(const Limits& limits) const override {
+      return Members::fallback(field, kind, table.initial(limits));
+    }
+    void read(const JsonReader& in, Form& form, const ReadContext& context) const override {
+      if (auto value = kind.read(in, context)) assign(field, form, std::move(*value));
+    }
+    OrderedJson write(const Form& form) const override { return written(field, kind, form); }
+
+    const Members& table;
+    Field field;
+    Kind kind;
   };
 
   // Returns a form in which every field has its default.
@@ -293,8 +311,8 @@ class Members : public MemberTable {
   OrderedJson write_form(const Form& form) const {
     OrderedJson json = OrderedJson::object();
     for (std::size_t i = 0; i < rows_.size(); ++i) {
-      if (!belongs(rows_[i], json) || (access_[i].written_if && !access_[i].written_if(form))) continue;
-      OrderedJson member = access_[i].write(form);
+      if (!belongs(rows_[i], json) || (access_[i]->written_if && !access_[i]->written_if(form))) continue;
+      OrderedJson member = access_[i]->write(form);
       if (!member.is_null()) json[std::string(rows_[i].name)] = std::move(member);
     }
     return json;
@@ -346,7 +364,7 @@ class Members : public MemberTable {
     }
   }
 
-  std::vector<Access> access_;
+  std::vector<std::unique_ptr<Access>> access_;
   std::function<Form(const Limits&)> initial_;
   std::function<void(const JsonReader&, Form&, const ReadContext&)> check_;
   std::function<std::optional<Value>(const JsonReader&, Form&, const ReadContext&)> resolve_;
