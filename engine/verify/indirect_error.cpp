@@ -41,12 +41,16 @@ struct SphereRays {
   std::vector<std::size_t> points;
 };
 
-constexpr int kAzimuths = 1440;
+// Rays from each point.
+struct Directions {
+  int strata, azimuths;
+};
 
 // Appends a point's rays of one azimuth. The elevations move within their strata from azimuth to azimuth by the golden
 // section: all rays are a lattice without rows.
-void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal, int strata,
-                 SphereRays& out) {
+void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal,
+                 const Directions& directions, SphereRays& out) {
+  const int strata = directions.strata;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
   // Elevation of a low row, which may lie between two strata; rows are denser towards the horizon.
   const auto low = [&](double row) {
@@ -59,7 +63,7 @@ void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const V
     return kBorder * 2 / strata * (0.15 + 3 * 0.85 * u * u);
   };
   const EastNorthUp axes = local_axes(position_m.normalized());
-  const double phi = 2 * kPi * azimuth / kAzimuths;
+  const double phi = 2 * kPi * azimuth / directions.azimuths;
   double turns = 0;
   const double offset = std::modf(azimuth / std::numbers::phi, &turns);
   for (int row = 0; row <= strata; ++row) {
@@ -71,7 +75,7 @@ void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const V
     const double cosine = direction.dot(normal);
     if (cosine <= 0) continue;
     out.rays.push_back({position_m + 1e-3 * axes.up, direction});
-    out.weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kAzimuths);
+    out.weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / directions.azimuths);
     out.points.push_back(point);
   }
 }
@@ -97,14 +101,15 @@ void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequ
 // Casts all points' rays of an azimuth together: they hit the same terrain, whose acceleration structure each cast
 // builds anew.
 std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Vec3>& positions_m,
-                                  const std::vector<Vec3>& normals, const FrameRequest& request, int strata) {
+                                  const std::vector<Vec3>& normals, const FrameRequest& request,
+                                  const Directions& directions) {
   constexpr std::size_t kMaxRays = 1 << 19;  // some 200 MB with their hits
   std::vector<double> light_w_m2(positions_m.size(), 0);
   SphereRays from;
-  for (int azimuth = 0; azimuth < kAzimuths; ++azimuth) {
+  for (int azimuth = 0; azimuth < directions.azimuths; ++azimuth) {
     for (std::size_t i = 0; i < positions_m.size(); ++i)
-      add_azimuth(azimuth, i, positions_m[i], normals[i], strata, from);
-    if (from.rays.size() < kMaxRays && azimuth + 1 < kAzimuths) continue;
+      add_azimuth(azimuth, i, positions_m[i], normals[i], directions, from);
+    if (from.rays.size() < kMaxRays && azimuth + 1 < directions.azimuths) continue;
     add_light(from, renderer, request, light_w_m2);
     from = {};
   }
@@ -160,10 +165,10 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
   request_.indirect.terrain = true;
 }
 
-IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata)
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, int azimuths)
     : IndirectTruth(renderer, request) {
   put_on_ground(positions_m_, renderer, request);
-  light_w_m2_ = light_by_rays(renderer, positions_m_, normals_, request, strata);
+  light_w_m2_ = light_by_rays(renderer, positions_m_, normals_, request, {strata, azimuths});
 }
 
 IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request,

@@ -12,9 +12,10 @@ namespace selenograph::engine {
 // The true light that points of a frame receive from surrounding ground. Reflectance is the request's, without maps.
 class IndirectTruth {
  public:
-  // Casts rays from 144 points of a square frame, each in 1440 azimuths times `strata` low elevations and a high one.
+  static constexpr int kAzimuths = 1440;
+  // Casts rays from 144 points of a square frame, each in `azimuths` times `strata` low elevations and a high one.
   // Low elevations need more strata under a low Sun: the ground that it lights is seen as thin strips.
-  IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata);
+  IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, int azimuths = kAzimuths);
   // Takes the light of those points, W m-2, from their positions; NaN leaves a point out.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request,
                 const std::function<double(const Vec3& position_m)>& light_w_m2);

@@ -7,6 +7,7 @@
 
 #include "dem/sample/sample_terrain.h"
 #include "engine/frame/rims.h"
+#include "engine/verify/indirect_error.h"
 #include "engine/verify/round_trip.h"
 #include "server/commands/ask.h"
 #include "server/commands/config.h"
@@ -89,6 +90,7 @@ struct VerifyAccuracySettings {
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
+  int reference_azimuths = engine::IndirectTruth::kAzimuths;
   bool indirect = false;         // measure light from terrain instead, under these Suns; empty: the scenes' own
   std::vector<double> suns_deg;  // elevations
   double sun_azimuth_deg = 90;

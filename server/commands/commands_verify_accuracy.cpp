@@ -157,7 +157,7 @@ class IndirectTables {
       for (const auto& [elevation_deg, request] : under_suns(scene, s_)) {
         // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
         constexpr double kLow_deg = 8;
-        const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 72 : 24);
+        const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 72 : 24, s_.reference_azimuths);
         for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0})
           add_row(scene.name, elevation_deg, measure(terrain, truth, spacing_px));
       }
@@ -187,7 +187,8 @@ class IndirectTables {
   }
 
   void add_site(const TerrainSettings& terrain, const Geographic& center) {
-    add("\n| site | Sun | reflectance | posts | KB a post | without ms | first ms | new Sun ms | kept ms |\n"
+    if (!text_.empty()) add("\n");
+    add("| site | Sun | reflectance | posts | KB a post | without ms | first ms | new Sun ms | kept ms |\n"
         "|---|---|---|---|---|---|---|---|---|\n");
     const std::vector<double> suns_deg = s_.suns_deg.empty() ? std::vector<double>{5} : s_.suns_deg;
     for (const double elevation_deg : suns_deg)
@@ -203,10 +204,6 @@ class IndirectTables {
       }
   }
 
-  void begin_errors() {
-    add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms | "
-        "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
-  }
   const std::string& text() const { return text_; }
 
  private:
@@ -220,6 +217,10 @@ class IndirectTables {
   }
 
   void add_row(const std::string& scene, double elevation_deg, const engine::IndirectRow& row) {
+    if (text_.empty())
+      add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms "
+          "| "
+          "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
     const auto& error = row.error;
     const std::string shadows = error.shadows > 0
                                     ? fmt::format("{:.3f} | {:.2f}", error.shadow_ratio, 100 * error.shadow_rms)
@@ -243,7 +244,6 @@ class IndirectTables {
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes, const Geographic& center) {
   IndirectTables tables(s);
-  tables.begin_errors();
   tables.add_frames(terrain, renderer, scenes);
   if (is_measured(s, "bowls"))
     for (const engine::ClosedForm& form : engine::bowls()) tables.add_closed_form(form);

@@ -290,6 +290,12 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->delimiter(',')
       ->check(number_in(0.1, 90.0))
       ->needs(indirect);
+  command
+      .add_option("--reference-azimuths", s.reference_azimuths,
+                  "Cast the rays of its reference along this many azimuths")
+      ->check(CLI::Range(36, 14400))
+      ->capture_default_str()
+      ->needs(indirect);
   command.add_option("--sun-azimuth-deg", s.sun_azimuth_deg, "Set the azimuth of these Suns, clockwise from north")
       ->check(number_in(0.0, 360.0))
       ->capture_default_str()

@@ -14,7 +14,7 @@ namespace {
 
 IndirectTruth::Error compare(const Renderer& renderer, const FrameRequest& request, double spacing_px,
                              int strata = 24) {
-  const IndirectTruth truth(renderer, request, strata);
+  const IndirectTruth truth(renderer, request, strata, test::full_effort() ? IndirectTruth::kAzimuths : 360);
   FrameRequest with = truth.request();
   with.indirect.spacing_px = spacing_px;
   return truth.of(renderer.render(with).products.irradiance);
@@ -31,7 +31,7 @@ FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_e
 }
 
 // Of a Sun that is not low.
-int strata() { return test::full_effort() ? 24 : 16; }
+constexpr int kStrata = 24;
 
 void say(const IndirectTruth::Error& found, double elevation_deg) {
   fmt::print("Sun {} degrees high: ratio {:.4f}, in shadow {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n",
@@ -52,7 +52,7 @@ TEST(IndirectLight, AgreesWithRaysAtHadley) {
     FrameRequest request = above(26.0, 3.8, 15000, elevation_deg);
     request.reflectance.model = model;
     const IndirectTruth::Error found =
-        compare(renderer, request, IndirectLight::kDefaultSpacing_px, low ? 72 : strata());
+        compare(renderer, request, IndirectLight::kDefaultSpacing_px, low ? 72 : kStrata);
     say(found, elevation_deg);
     EXPECT_EQ(found.places, 144);
     EXPECT_NEAR(found.ratio, 1, 0.02) << elevation_deg;
@@ -81,7 +81,7 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
     // A lower Sun takes four times as many rays.
     if ((c.spacing_px != 4 || c.elevation_deg < 3) && !test::full_effort()) continue;
     const IndirectTruth::Error found = compare(renderer, above(-84.81, 125.95, -1500, c.elevation_deg), c.spacing_px,
-                                               c.elevation_deg < 3 ? 36 : strata());
+                                               c.elevation_deg < 3 ? 36 : kStrata);
     say(found, c.elevation_deg);
     EXPECT_NEAR(found.ratio, 1, c.ratio) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.median, c.median) << c.elevation_deg << " " << c.spacing_px;
@@ -102,7 +102,7 @@ TEST(IndirectLight, AgreesWithRaysBelowTheBorderOfTheData) {
   SELENOGRAPH_SKIP_WITHOUT(file);
   const Renderer renderer(test::open_terrain(file), RendererOptions{2, std::size_t{1} << 30});
   const IndirectTruth::Error found =
-      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px, strata());
+      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px, kStrata);
   say(found, 5);
   EXPECT_NEAR(found.shadow_ratio, 1, 0.03);
 }

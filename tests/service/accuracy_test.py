@@ -118,7 +118,8 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertIn("details/nothing.json", done.stderr)
 
     def test_light_from_terrain(self):
-        done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64",
+        done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--reference-azimuths", "360", "--dem",
+                   harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64",
                    "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
                    harness.path("indirect"))
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -136,7 +137,8 @@ class VerifyAccuracy(unittest.TestCase):
 
     def test_light_from_terrain_under_chosen_suns(self):
         def suns(*options):
-            done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
+            done = run("verify", "accuracy", "--indirect", "--scenes", "nadir", "--reference-azimuths", "36", "--dem",
+                       harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
                        "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
                        harness.path("suns"), *options)
             self.assertEqual(done.returncode, 0, done.stderr)
