@@ -28,6 +28,10 @@ void approach(std::atomic<double>& value, double measured_to_predicted, double s
 
 }  // namespace
 
+void prefer(std::optional<BudgetChoice>& best, const BudgetChoice& next) {
+  if (!best || (next.fits && expected_error(next.accuracy) < expected_error(best->accuracy))) best = next;
+}
+
 FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility, double triangles,
                   bool build) {
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;

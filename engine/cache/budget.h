@@ -7,6 +7,7 @@
 
 #include <array>
 #include <atomic>
+#include <optional>
 #include <string_view>
 
 #include "dem/base/stop_token.h"
@@ -20,6 +21,8 @@ struct BudgetChoice {
   double predicted_ms = 0;
   bool fits = false;  // false: even the coarsest setting is predicted to take longer
 };
+// Replaces the choice by `next` if there is none yet, or if `next` fits and has a smaller expected error.
+void prefer(std::optional<BudgetChoice>& best, const BudgetChoice& next);
 
 // Work of a frame, from which its time is predicted.
 struct FrameWork {

@@ -37,8 +37,7 @@ BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int 
       const double ms = spent_ms + select_ms + context.cache.speed(content.visibility).predicted_ms(work);
       const bool fits = ms <= budget_ms;
       any |= fits;
-      if (!best || (fits && expected_error(setting) < expected_error(best->accuracy)))
-        best = BudgetChoice{setting, ms, fits};
+      prefer(best, {setting, ms, fits});
     }
     if (!any) break;  // finer terrain takes longer still
   }
