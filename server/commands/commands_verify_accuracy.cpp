@@ -118,6 +118,7 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
   if (s.indirect)
     std::erase_if(scenes, [](const auto& scene) { return scene.name != "nadir" && scene.name != "polar"; });
   std::vector<std::string_view> names;
+  names.reserve(scenes.size());
   for (const engine::AccuracyScene& scene : scenes) names.push_back(scene.name);
   if (s.indirect) names.insert(names.end(), std::begin(kLightScenes), std::end(kLightScenes));
   for (const std::string& name : s.scenes)
