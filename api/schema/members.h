@@ -60,7 +60,7 @@ struct MemberRow {
   // Words of the table's model (MemberTable::set_model) that have this member; empty: all. With other words the member
   // is a fault.
   std::vector<std::string_view> models{};
-  const MemberValues* values = nullptr;       // of the table
+  const MemberValues* values = nullptr;       // in the table; never null in a row
   std::vector<const MemberTable*> objects{};  // tables of the objects in its values
 
   // Returns true if objects with this word as their model have the member.

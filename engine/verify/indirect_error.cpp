@@ -41,7 +41,7 @@ struct SphereRays {
   std::vector<std::size_t> points;
 };
 
-// Rays from each point.
+// Azimuths of a point's rays, and how many strata of low elevations each has.
 struct Directions {
   int strata, azimuths;
 };

@@ -219,9 +219,8 @@ class IndirectTables {
 
   void add_row(const std::string& scene, double elevation_deg, const engine::IndirectRow& row) {
     if (text_.empty())
-      add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | without ms "
-          "| "
-          "first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+      add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | "
+          "without ms | first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
     const auto& error = row.error;
     const std::string shadows = error.shadows > 0
                                     ? fmt::format("{:.3f} | {:.2f}", error.shadow_ratio, 100 * error.shadow_rms)

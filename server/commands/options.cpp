@@ -291,8 +291,7 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->check(number_in(0.1, 90.0))
       ->needs(indirect);
   command
-      .add_option("--reference-azimuths", s.reference_azimuths,
-                  "Cast the rays of its reference along this many azimuths")
+      .add_option("--reference-azimuths", s.reference_azimuths, "Cast the reference's rays along this many azimuths")
       ->check(CLI::Range(36, 14400))
       ->capture_default_str()
       ->needs(indirect);

@@ -172,7 +172,7 @@ TEST_F(DetailBorders, ChangeTheContrastByOneOctave) {
 TEST_F(DetailBorders, ContrastIsTheSameOnBothSides) {
   const std::vector<double> places{kLon, 20.1, 19.9};  // longitudes
   for (const double sun_deg : {5.0, 17.0, 40.0}) {
-    if (sun_deg != 5 && !test::full_effort()) continue;  // the lowest shows most
+    if (sun_deg != 5 && !test::full_effort()) continue;  // a low Sun shows a border most
     for (const auto& [height_m, tilt_deg] :
          {std::pair{10000.0, 55.0}, {3000.0, 55.0}, {300.0, 55.0}, {100.0, 70.0}, {30.0, 70.0}}) {
       Sides across;

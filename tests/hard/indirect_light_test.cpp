@@ -12,8 +12,10 @@
 namespace selenograph::engine {
 namespace {
 
+constexpr int kStrata = 24;  // for a Sun that is not low
+
 IndirectTruth::Error compare(const Renderer& renderer, const FrameRequest& request, double spacing_px,
-                             int strata = 24) {
+                             int strata = kStrata) {
   const IndirectTruth truth(renderer, request, strata, test::full_effort() ? IndirectTruth::kAzimuths : 360);
   FrameRequest with = truth.request();
   with.indirect.spacing_px = spacing_px;
@@ -29,9 +31,6 @@ FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_e
   request.sun.direction = sun_direction(local_axes(lat_deg, lon_deg), sun_azimuth_deg, sun_elevation_deg);
   return request;
 }
-
-// Of a Sun that is not low.
-constexpr int kStrata = 24;
 
 void say(const IndirectTruth::Error& found, double elevation_deg) {
   fmt::print("Sun {} degrees high: ratio {:.4f}, in shadow {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n",
@@ -102,7 +101,7 @@ TEST(IndirectLight, AgreesWithRaysBelowTheBorderOfTheData) {
   SELENOGRAPH_SKIP_WITHOUT(file);
   const Renderer renderer(test::open_terrain(file), RendererOptions{2, std::size_t{1} << 30});
   const IndirectTruth::Error found =
-      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px, kStrata);
+      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px);
   say(found, 5);
   EXPECT_NEAR(found.shadow_ratio, 1, 0.03);
 }
