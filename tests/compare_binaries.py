@@ -186,7 +186,7 @@ def run(options):
         cache = harness.path("cache-" + name)
         if name == "new":
             shutil.rmtree(cache, ignore_errors=True)
-        services.append(harness.Service("--assets-dir", harness.path("assets"), "--deadline-s", "600", cache=cache, binary=binary))
+        services.append(harness.Service("--assets-dir", harness.path("assets"), cache=cache, binary=binary))
     requests = comparison_requests.all_requests(services[0], options.requests)
     if options.only:
         requests = [r for r in requests if options.only in r.name]

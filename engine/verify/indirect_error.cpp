@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <limits>
 #include <numbers>
 
 #include "dem/base/quantile.h"
@@ -41,15 +42,10 @@ struct SphereRays {
   std::vector<std::size_t> points;
 };
 
-// Azimuths of a point's rays, and how many strata of low elevations each has.
-struct Directions {
-  int strata, azimuths;
-};
-
 // Appends a point's rays of one azimuth. The elevations move within their strata from azimuth to azimuth by the golden
 // section: all rays are a lattice without rows.
 void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal,
-                 const Directions& directions, SphereRays& out) {
+                 const IndirectTruth::Rays& directions, SphereRays& out) {
   const int strata = directions.strata;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
   // Elevation of a low row, which may lie between two strata; rows are denser towards the horizon.
@@ -102,7 +98,7 @@ void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequ
 // builds anew.
 std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Vec3>& positions_m,
                                   const std::vector<Vec3>& normals, const FrameRequest& request,
-                                  const Directions& directions) {
+                                  const IndirectTruth::Rays& directions) {
   constexpr std::size_t kMaxRays = 1 << 19;  // some 200 MB with their hits
   std::vector<double> light_w_m2(positions_m.size(), 0);
   SphereRays from;
@@ -133,13 +129,11 @@ Vec3 next_sun(const Vec3& direction, const Vec3& up) {
 // Measures images without light from terrain and such that find it cached, in turn; keeps the shortest times.
 template <typename Without, typename With>
 void measure_cached(int repetitions, const Without& render_without, const With& render_with, IndirectTimes& times) {
-  std::vector<double> kept_ms, without_ms;
+  times.without_ms = times.kept_ms = std::numeric_limits<double>::infinity();
   for (int i = 0; i < repetitions; ++i) {
-    without_ms.push_back(ms_of(render_without));
-    kept_ms.push_back(ms_of(render_with));
+    times.without_ms = std::min(times.without_ms, ms_of(render_without));
+    times.kept_ms = std::min(times.kept_ms, ms_of(render_with));
   }
-  times.without_ms = *std::min_element(without_ms.begin(), without_ms.end());
-  times.kept_ms = *std::min_element(kept_ms.begin(), kept_ms.end());
 }
 
 }  // namespace
@@ -165,10 +159,10 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
   request_.indirect.terrain = true;
 }
 
-IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, int azimuths)
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, const Rays& rays)
     : IndirectTruth(renderer, request) {
   put_on_ground(positions_m_, renderer, request);
-  light_w_m2_ = light_by_rays(renderer, positions_m_, normals_, request, {strata, azimuths});
+  light_w_m2_ = light_by_rays(renderer, positions_m_, normals_, request, rays);
 }
 
 IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request,

@@ -13,9 +13,14 @@ namespace selenograph::engine {
 class IndirectTruth {
  public:
   static constexpr int kAzimuths = 1440;
-  // Casts rays from 144 points of a square frame, each in `azimuths` times `strata` low elevations and a high one.
-  // Low elevations need more strata under a low Sun: the ground that it lights is seen as thin strips.
-  IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, int azimuths = kAzimuths);
+  // A point's rays: each azimuth has one in every stratum of low elevations and one high up. Low elevations need more
+  // strata under a low Sun: the ground that it lights is seen as thin strips.
+  struct Rays {
+    int strata;
+    int azimuths = kAzimuths;
+  };
+  // Casts rays from 144 points of a square frame.
+  IndirectTruth(const Renderer& renderer, const FrameRequest& request, const Rays& rays);
   // Takes the light of those points, W m-2, from their positions; NaN leaves a point out.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request,
                 const std::function<double(const Vec3& position_m)>& light_w_m2);

@@ -158,7 +158,8 @@ class IndirectTables {
       for (const auto& [elevation_deg, request] : under_suns(scene, s_)) {
         // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
         constexpr double kLow_deg = 8;
-        const engine::IndirectTruth truth(renderer, request, elevation_deg < kLow_deg ? 72 : 24, s_.reference_azimuths);
+        const engine::IndirectTruth truth(
+            renderer, request, {.strata = elevation_deg < kLow_deg ? 72 : 24, .azimuths = s_.reference_azimuths});
         for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0})
           add_row(scene.name, elevation_deg, measure(terrain, truth, spacing_px));
       }

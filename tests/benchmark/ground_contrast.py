@@ -92,7 +92,7 @@ def main():
                 for p in asked.pixels.split(",") if p]
     harness.set_up()
     try:
-        service = harness.Service("--assets-dir", ASSETS, "--log-level", "warning", "--deadline-s", "600",
+        service = harness.Service("--assets-dir", ASSETS, "--log-level", "warning",
                                   dem=os.path.abspath(asked.dem))
         ground = Ground(service, {"lat_deg": lat_deg, "lon_deg": lon_deg}, asked.detail)
         print(f"{asked.detail:<24} " + " ".join(f"{a}-{b} px".rjust(7) for a, b in BANDS_PX)

@@ -151,7 +151,7 @@ class DetailBorders : public testing::Test {
 // frame of detail has.)
 TEST_F(DetailBorders, ChangeTheContrastByOneOctave) {
   for (const double sun_deg : {5.0, 17.0, 40.0}) {
-    if (sun_deg == 17 && !test::full_effort()) continue;
+    if (sun_deg != 5 && !test::full_effort()) continue;  // a low Sun shows a border most
     Sides all;
     for (const auto& [height_m, tilt_deg] : {std::pair{1000.0, 0.0}, {3000.0, 55.0}, {300.0, 55.0}, {100.0, 70.0}}) {
       const Sides here = sides_in(request(kLat, height_m, tilt_deg, sun_deg));
@@ -172,9 +172,10 @@ TEST_F(DetailBorders, ChangeTheContrastByOneOctave) {
 TEST_F(DetailBorders, ContrastIsTheSameOnBothSides) {
   const std::vector<double> places{kLon, 20.1, 19.9};  // longitudes
   for (const double sun_deg : {5.0, 17.0, 40.0}) {
-    if (sun_deg != 5 && !test::full_effort()) continue;  // a low Sun shows a border most
+    if (sun_deg != 5 && !test::full_effort()) continue;
     for (const auto& [height_m, tilt_deg] :
          {std::pair{10000.0, 55.0}, {3000.0, 55.0}, {300.0, 55.0}, {100.0, 70.0}, {30.0, 70.0}}) {
+      if (height_m != 3000 && height_m != 100 && !test::full_effort()) continue;
       Sides across;
       for (const double lon_deg : height_m < 3000 ? std::vector{kLon} : places)
         across.add(across_in(request(kLat, height_m, tilt_deg, sun_deg, lon_deg)));

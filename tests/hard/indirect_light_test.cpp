@@ -16,7 +16,7 @@ constexpr int kStrata = 24;  // for a Sun that is not low
 
 IndirectTruth::Error compare(const Renderer& renderer, const FrameRequest& request, double spacing_px,
                              int strata = kStrata) {
-  const IndirectTruth truth(renderer, request, strata, test::full_effort() ? IndirectTruth::kAzimuths : 360);
+  const IndirectTruth truth(renderer, request, {strata, test::full_effort() ? IndirectTruth::kAzimuths : 360});
   FrameRequest with = truth.request();
   with.indirect.spacing_px = spacing_px;
   return truth.of(renderer.render(with).products.irradiance);

@@ -93,14 +93,16 @@ class PolarCap {
     Vec3 normal = Vec3::Zero();
   };
 
-  // The nearest triangle that a ray meets farther than `from_m`, by trying those within a kilometre of its way.
+  // The nearest triangle that a ray meets farther than `from_m`, by trying those near its way: a quad is at most 180 m
+  // across.
   Meeting first(const Vec3& origin, const Vec3& direction, double from_m) const {
+    constexpr double kNear_m = 250;
     Meeting nearest;
     for (int r = 0; r < rows_; ++r)
       for (int c = 0; c < columns_; ++c) {
         const Vec3 &inner = at(r, c), to = inner - origin;
         const double along = to.dot(direction);
-        if (along < from_m - 1000 || (to - along * direction).squaredNorm() > 1e6) continue;
+        if (along < from_m - kNear_m || (to - along * direction).squaredNorm() > kNear_m * kNear_m) continue;
         // The diagonal of a quad runs from its south-east to its north-west post.
         const Vec3 &next = at(r, c + 1), &outer = at(r + 1, c), &outer_next = at(r + 1, c + 1);
         if (north_) {

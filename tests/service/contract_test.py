@@ -34,7 +34,7 @@ def tearDownModule():
 
 class Moon(harness.Service):
     def __init__(self, name, dem):
-        super().__init__(options=["--port", "0", "--deadline-s", "600", "--cache-dir", harness.path("cache-" + name), "--dem", *dem])
+        super().__init__(options=["--port", "0", "--cache-dir", harness.path("cache-" + name), "--dem", *dem])
 
     def call(self, path, document):
         status, _, body = self.post(path, document)

@@ -42,7 +42,7 @@ def write(name, preset):
 class Detail(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.service = harness.Service("--assets-dir", harness.path("assets"), "--deadline-s", "600")
+        cls.service = harness.Service("--assets-dir", harness.path("assets"))
         cls.ground = cls.heights([(LAT, LON)])[0]
         cls.detailed = cls.heights([(LAT, LON)], "rough")[0]
 

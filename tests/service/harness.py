@@ -187,11 +187,13 @@ class Service:
 
     def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None, limits=None, log=None):
         """With `more` options; or with these `options` alone. `limits` is called in the process before it starts. `log` is
-        the file that takes its standard error."""
+        the file that takes its standard error. Frames have ten minutes unless an option says otherwise: no test depends on
+        how fast the machine is."""
         options = options or ["--port", "0", "--cache-dir", path(cache), *more, "--dem", path(dem)]
         command = [binary or BINARY, "serve", *options]
         self.log = log or tempfile.TemporaryFile()
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True, preexec_fn=limits)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True, preexec_fn=limits,
+                                        env={"SELENOGRAPH_DEADLINE_S": "600"} | os.environ)
         Service.started.append(self)
         line = self.process.stdout.readline()
         found = re.search(r"listening on http://(\S+):(\d+)$", line.strip())

@@ -105,7 +105,7 @@ def answers():
     harness.set_up()
     try:
         comparison_requests.write_files(harness.BINARY, comparison_requests.places(256))
-        service = harness.Service("--assets-dir", harness.path("assets"), "--deadline-s", "600")
+        service = harness.Service("--assets-dir", harness.path("assets"))
         found = {request.name: hashes_of(request.ask(service)) for request in requests(service)}
         service.expect_clean_stop()
         return found

@@ -49,7 +49,7 @@ def setUpModule():
             dec, pm = math.degrees(math.asin(2 * chance.random() - 1)), [chance.gauss(0, 300) for _ in range(2)]
             print(f"T{i},{360 * chance.random():.9f},{dec:.9f},{chance.choice((1991.25, 2000, 2016))},{pm[0]:.4f},"
                   f"{pm[1]:.4f},{abs(chance.gauss(0, 100)) + 0.1:.4f},{5 * chance.random():.3f},0.6", file=file)
-    service = Service("--assets-dir", folder, "--deadline-s", "600")
+    service = Service("--assets-dir", folder)
 
 
 def tearDownModule():
