@@ -253,7 +253,9 @@ const Members<Detector>& detector_members() {
           "share of the pixels with additional dark current");
     m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"},
           "additional dark current of a hot pixel");
-    m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"}, "electrons per digital number").required();
+    m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"},
+          "electrons per digital number; a larger one makes darker images")
+        .required();
     m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number without electrons");
     m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
           "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16");
@@ -294,12 +296,12 @@ const Members<engine::Exposure>& exposure_members() {
   static const auto table = make_table<Members<engine::Exposure>>(
       "Exposure",
       "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that the "
-      "metered pixels, by default all but the brightest thousandth, stay within a share of the full well or of the "
+      "metered pixels, by default all but the brightest thousandth, stay within a share of the full well and of the "
       "largest digital number, including smear, dark current and the offset, without noise and fixed pattern. The "
       "metadata has the time; there is a warning if smear alone exceeds the share, or a limit cuts the time.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
-              "share of the full well, or of the largest digital number")
+              "share of the full well and of the largest digital number: the lower of both counts")
             .required();
         m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"},
               "shortest integration time");
@@ -378,7 +380,9 @@ const Members<SensorModel>& sensor_members() {
           const bool is_fixed = sensor.detector.integration_time_s > 0;
           const bool is_automatic = sensor.exposure.target_fill > 0;
           if (is_fixed && is_automatic)
-            in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
+            in.fail(
+                "exposure",
+                "chooses the integration time, and so does detector.integration_time_s; null takes a preset's away");
           if (!is_fixed && !is_automatic)
             in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
           // The exposure aims at a share of the largest digital number. If the offset alone exceeds it, no integration
