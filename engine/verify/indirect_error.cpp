@@ -45,8 +45,8 @@ struct SphereRays {
 // Appends a point's rays of one azimuth. The elevations move within their strata from azimuth to azimuth by the golden
 // section: all rays are a lattice without rows.
 void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const Vec3& normal,
-                 const IndirectTruth::Rays& directions, SphereRays& out) {
-  const int strata = directions.strata;
+                 const IndirectTruth::Rays& rays, SphereRays& out) {
+  const int strata = rays.strata;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
   // Elevation of a low row, which may lie between two strata; rows are denser towards the horizon.
   const auto low = [&](double row) {
@@ -59,7 +59,7 @@ void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const V
     return kBorder * 2 / strata * (0.15 + 3 * 0.85 * u * u);
   };
   const EastNorthUp axes = local_axes(position_m.normalized());
-  const double phi = 2 * kPi * azimuth / directions.azimuths;
+  const double phi = 2 * kPi * azimuth / rays.azimuths;
   double turns = 0;
   const double offset = std::modf(azimuth / std::numbers::phi, &turns);
   for (int row = 0; row <= strata; ++row) {
@@ -71,7 +71,7 @@ void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const V
     const double cosine = direction.dot(normal);
     if (cosine <= 0) continue;
     out.rays.push_back({position_m + 1e-3 * axes.up, direction});
-    out.weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / directions.azimuths);
+    out.weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / rays.azimuths);
     out.points.push_back(point);
   }
 }
@@ -98,14 +98,14 @@ void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequ
 // builds anew.
 std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Vec3>& positions_m,
                                   const std::vector<Vec3>& normals, const FrameRequest& request,
-                                  const IndirectTruth::Rays& directions) {
+                                  const IndirectTruth::Rays& rays) {
   constexpr std::size_t kMaxRays = 1 << 19;  // some 200 MB with their hits
   std::vector<double> light_w_m2(positions_m.size(), 0);
   SphereRays from;
-  for (int azimuth = 0; azimuth < directions.azimuths; ++azimuth) {
+  for (int azimuth = 0; azimuth < rays.azimuths; ++azimuth) {
     for (std::size_t i = 0; i < positions_m.size(); ++i)
-      add_azimuth(azimuth, i, positions_m[i], normals[i], directions, from);
-    if (from.rays.size() < kMaxRays && azimuth + 1 < directions.azimuths) continue;
+      add_azimuth(azimuth, i, positions_m[i], normals[i], rays, from);
+    if (from.rays.size() < kMaxRays && azimuth + 1 < rays.azimuths) continue;
     add_light(from, renderer, request, light_w_m2);
     from = {};
   }

@@ -19,7 +19,7 @@ class IndirectTruth {
     int strata;
     int azimuths = kAzimuths;
   };
-  // Casts rays from 144 points of a square frame.
+  // Casts rays from a lattice of points of a square frame, 144 or more.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request, const Rays& rays);
   // Takes the light of those points, W m-2, from their positions; NaN leaves a point out.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request,

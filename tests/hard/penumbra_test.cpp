@@ -101,6 +101,7 @@ TEST(Penumbra, LevelGroundAtSunsetReceivesTheClosedForm) {
   const Geographic middle{0.03125, 30.03125, 1000};
   const double radius = 0.2666 * kDegree, rho = 0.12;
   for (const double elevation : {1.0, 0.26, 0.2, 0.1, 0.05, 0.0, -0.1, -0.2}) {
+    // By default the Sun up, touching the horizon at both ends, and halved by it.
     if ((elevation == 0.26 || elevation == 0.1 || elevation == 0.05 || elevation == -0.1) && !full_effort()) continue;
     engine::FrameRequest request =
         nadir_view(middle, 64, 30, local_direction(to_cartesian({middle.lat_deg, middle.lon_deg, 0}), 60, elevation));

@@ -223,7 +223,7 @@ class Comparison:
 
 
 def served():
-    service = Service()
+    service = Service("--deadline-s", "60")  # the default, which the document names
     document = json.loads(service.ask("GET", "/openapi.json")[2])
     service.expect_clean_stop()
     return without_texts(document)

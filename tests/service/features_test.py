@@ -437,7 +437,7 @@ class InFrames(WithFeatures):
         listed = self.craters("large", square(LAT, LON, 3000))
         checked, waves = 0, []
         rims = [rim_of(crater, len(found[crater["id"]]["rim_px"]) if crater["id"] in found else 24) for crater in listed]
-        halves = np.array_split(np.concatenate(rims), 2)  # of what a body may hold
+        halves = np.array_split(np.concatenate(rims), 2)  # one body cannot hold all
         on_ground_m = np.concatenate([half * (RADIUS_M + self.heights_at(half, "large"))[:, None] for half in halves])
         for crater, on_rim_m in zip(listed, np.split(on_ground_m, np.cumsum([len(rim) for rim in rims])[:-1])):
             mine = found.pop(crater["id"], None)

@@ -187,8 +187,8 @@ class Service:
 
     def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None, limits=None, log=None):
         """With `more` options; or with these `options` alone. `limits` is called in the process before it starts. `log` is
-        the file that takes its standard error. Frames have ten minutes unless an option says otherwise: no test depends on
-        how fast the machine is."""
+        the file that takes its standard error. Its deadline is ten minutes unless an option or the environment says
+        otherwise: frames are slow on a busy machine."""
         options = options or ["--port", "0", "--cache-dir", path(cache), *more, "--dem", path(dem)]
         command = [binary or BINARY, "serve", *options]
         self.log = log or tempfile.TemporaryFile()

@@ -148,7 +148,8 @@ class Horizons(unittest.TestCase):
 
     def test_rays_pass_just_above_and_hit_just_below(self):
         """From eyes 2 m above places at random, by rays to the triangles that frames show. Horizons are never too high,
-        and too low where edges of triangles cross the relief's cells nearby. Places far apart take a relief each."""
+        and too low where edges of triangles cross the relief's cells nearby. By default the places are close together, on
+        one relief: they err together."""
         random = np.random.default_rng(7)
         offsets_deg = np.array([-0.1, -0.015, -0.005, 0.005, 0.015, 0.03, 0.1])
         horizon = {**HORIZON, "azimuths": 16, "height_above_ground_m": 2}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""`map_error` of maps, rays and heights: the statistics of its errors, that all calls answer from one map, what the metadata
+"""`map_error` of maps, rays, heights: the statistics of its errors, that all calls answer from one map, what the metadata
 says, presets, faults."""
 
 import json

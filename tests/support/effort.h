@@ -1,4 +1,4 @@
-// Effort of tests with many cases: a run does a quarter of them, or all with SELENOGRAPH_TEST_EFFORT=full (slow.full).
+// Effort of tests with many cases: a run does a part of them, or all with SELENOGRAPH_TEST_EFFORT=full (slow.full).
 #pragma once
 
 #include <cstdlib>

@@ -15,7 +15,7 @@ dem::DetailPreset shipped(const std::string& name) {
   return api::read_detail_file(SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/" + name + ".json");
 }
 
-// Of ground to the last metre, whose posts are the most.
+// Places measured on ground to the last metre, which has the most posts.
 const int kFinestPlaces = test::full_effort() ? 60 : 20;
 
 TEST(Ground, SlopesAreThePublishedOnes) {

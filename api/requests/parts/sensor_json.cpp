@@ -254,7 +254,7 @@ const Members<Detector>& detector_members() {
     m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"},
           "additional dark current of a hot pixel");
     m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"},
-          "electrons per digital number; a larger one makes darker images")
+          "electrons per digital number: with a larger one the same charge is darker")
         .required();
     m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number without electrons");
     m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
@@ -301,7 +301,7 @@ const Members<engine::Exposure>& exposure_members() {
       "metadata has the time; there is a warning if smear alone exceeds the share, or a limit cuts the time.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
-              "share of the full well and of the largest digital number: the lower of both counts")
+              "share of the full well and of the largest digital number: whichever is reached first")
             .required();
         m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"},
               "shortest integration time");
