@@ -42,10 +42,14 @@ def set_up():
 
 
 def stop_all():
-    for service in Service.started:  # those that a failed test left behind
+    for service in Service.started:  # those that a test left behind
         if service.process.poll() is None:
-            service.process.kill()
-            service.process.wait()
+            service.process.terminate()  # one that is killed writes no counters
+            try:
+                service.process.wait(10)
+            except subprocess.TimeoutExpired:
+                service.process.kill()
+                service.process.wait()
         service.close()
 
 

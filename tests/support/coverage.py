@@ -53,9 +53,15 @@ class Counts:
                 before = self.branches.get(at, [])
                 self.branches[at] = [a + b for a, b in zip(before, taken)] if len(before) == len(taken) else max(before, taken, key=len)
             for function in file["functions"]:
-                at = (name, function["start_line"], function["demangled_name"].split("(")[0])
-                done, blocks = self.functions.get(at, (0, 0))
-                self.functions[at] = max(done, function["blocks_executed"]), max(blocks, function["blocks"])
+                self.functions[name, function["start_line"], function["end_line"]] = function["demangled_name"].split("(")[0]
+
+    def least_covered(self):
+        """(lines that did not run, lines, file, first line, function), the most first."""
+        found = []
+        for (name, first, last), function in self.functions.items():
+            counts = [self.lines[name, number] for number in range(first, last + 1) if (name, number) in self.lines]
+            found.append((counts.count(0), len(counts), name, first, function))
+        return sorted(found, key=lambda row: -row[0])[:LEAST_COVERED]
 
     def by_folder(self):
         """[lines run, lines, branches taken, branches] by folder."""
@@ -84,10 +90,9 @@ def main(build, record):
     print(f"{'folder':34}{'lines':>8}{'run':>8}{'branches':>10}{'taken':>8}")
     for folder, row in counts.by_folder().items():
         print(f"{folder:34}{row[1]:8}{shares[folder][0]:8.1%}{row[3]:10}{shares[folder][1]:8.1%}")
-    least = sorted(counts.functions.items(), key=lambda item: item[1][0] - item[1][1])[:LEAST_COVERED]
-    print("\nmost code that did not run: blocks run of blocks, function")
-    for (name, line, function), (done, blocks) in least:
-        print(f"{done:6} of {blocks:4}  {name}:{line} {function}")
+    print("\nmost lines that did not run, of a function's")
+    for missed, lines, name, first, function in counts.least_covered():
+        print(f"{missed:6} of {lines:4}  {name}:{first} {function}")
     if record:
         with open(RECORD, "w") as file:
             file.write("{\n" + ",\n".join(f' "{folder}": {json.dumps(pair)}' for folder, pair in shares.items()) + "\n}\n")
