@@ -359,6 +359,23 @@ class BehindMountains(unittest.TestCase):
                    "sun": {"utc": utc}, "sky": {"sun": True}}
         self.assertEqual(service.arrays({**request, "products": ["radiance"]})["radiance"].max(), 0)
 
+    def test_an_object_hides_the_sun(self):
+        """Two kilometres before it on the line of sight, or above the camera."""
+        lat, lon = math.radians(self.LAT), math.radians(self.LON)
+        up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        still = {"position_m": ((1737400 + 1e5) * up).tolist(), "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}
+        request = {"pose": still, "utc": "2026-12-24T00:00:00Z", "sky": {"sun": True}}
+        sun = sky(**request)[0]
+        self.assertEqual(sun["hidden_by"], "none")
+        for direction, hidden_by in ((np.array(sun["direction"]), "object"), (up, "none")):
+            x, y, z = np.array(still["position_m"]) + 2000 * direction
+            radius_m = math.hypot(x, y, z)
+            place = {"lat_deg": math.degrees(math.asin(z / radius_m)), "lon_deg": math.degrees(math.atan2(y, x)),
+                     "height_m": radius_m - 1737400}
+            satellite = {"mesh": "satellite", "scale": 60, "pose": {"geodetic": place, "upright": {"azimuth_deg": 30}},
+                         "material": {"reflectance": {"model": "lambert", "rho": 0.3}}}
+            self.assertEqual(sky(**request, objects=[satellite])[0]["hidden_by"], hidden_by)
+
 
 class OverGroundWithDetail(unittest.TestCase):
     """A lander's sky over a horizon of fine ground: what hides it the frame knows, and needs no more ground for it.
