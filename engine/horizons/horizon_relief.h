@@ -45,6 +45,8 @@ class HorizonRelief {
   const MarchPlan& plan() const { return plan_; }
   const Eigen::Matrix3d& axes() const { return axes_; }
   double reference_m() const { return reference_m_; }
+  // Spacing of the finest grid.
+  double spacing_m() const { return shape_.spacing_m; }
   // Returns the finest grid's height at a point of the plane, m above the datum; empty without data.
   std::optional<double> height_m(double x_m, double y_m) const;
   std::size_t bytes() const;

@@ -148,9 +148,10 @@ class HorizonSearch {
   }
 
  private:
-  // Sets a lane's position, unless it is on the lattice, and directions in the relief's plane. Returns false without
+  // Sets a lane's position, unless it is on the lattice, and directions in the relief's plane. Its eye stands over
+  // triangle_m, the ground's height above the datum, or over the relief where that is higher. Returns false without
   // data.
-  bool place_lane(const Vec3& up, const HorizonRelief& relief, std::size_t lane, MarchPlaces& march,
+  bool place_lane(const Vec3& up, double triangle_m, const HorizonRelief& relief, std::size_t lane, MarchPlaces& march,
                   PacketHorizons& out) const {
     out.axes[lane] = local_axes(up);
     const Vec3 p = relief.axes() * up;
@@ -169,7 +170,9 @@ class HorizonSearch {
     set(out.axes[lane].east, march.east_x, march.east_y, march.east_k);
     const std::optional<double> ground_m =
         relief.height_m(static_cast<double>(march.x[lane]), static_cast<double>(march.y[lane]));
-    const double eye_m = ground_m.value_or(relief.reference_m()) + options_.height_above_ground_m;
+    // fmax() ignores a NaN.
+    const double eye_m =
+        std::fmax(ground_m.value_or(relief.reference_m()), triangle_m) + options_.height_above_ground_m;
     march.height[lane] = static_cast<float>(eye_m - relief.reference_m());
     out.radius_m[lane] = kMoonRadius_m + eye_m;
     return ground_m.has_value();
@@ -187,11 +190,19 @@ class HorizonSearch {
     // Lanes without a place repeat the first one, so that they do not widen the packet.
     const auto first = static_cast<std::size_t>(
         std::find_if(packet.index.begin(), packet.index.end(), [](int i) { return i >= 0; }) - packet.index.begin());
+    std::array<Vec3, kPacket> up;
+    for (std::size_t i = 0; i < kPacket; ++i) up[i] = packet.up[packet.index[i] >= 0 ? i : first];
+    // The relief's cells round crests between triangles, and an eye on a rounded crest finds its horizon too high.
+    // Pixels of a lattice stand on posts, where both agree; an eye on the ground keeps to the ground that it looks
+    // along.
+    std::array<float, kPacket> triangle_m;
+    triangle_m.fill(std::numeric_limits<float>::quiet_NaN());
+    if (!march.on_lattice && !march.on_ground)
+      heights_of(context_.terrain, context_.stop)(relief.spacing_m(), up, triangle_m);
     std::size_t with_data = 0;
     for (std::size_t i = 0; i < kPacket; ++i) {
-      const bool has_place = packet.index[i] >= 0;
-      const bool has_data = place_lane(packet.up[has_place ? i : first], relief, i, march, out);
-      march.valid[i] = has_place && has_data;
+      const bool has_data = place_lane(up[i], static_cast<double>(triangle_m[i]), relief, i, march, out);
+      march.valid[i] = packet.index[i] >= 0 && has_data;
       out.index[i] = march.valid[i] ? packet.index[i] : -1;
       with_data += march.valid[i];
     }
