@@ -85,12 +85,12 @@ bool has_default_limits(const SweepRow& row) {
          row.setting.max_shadow_error_px == standard.max_shadow_error_px;
 }
 
-// Returns a scene's table: the rows with the default limits, then the others, folded.
-std::string markdown_table(const std::vector<SweepRow>& rows, const std::string& scene) {
+// Returns a scene's table: the rows with the default limits and with the scene's own setting, then the others, folded.
+std::string markdown_table(const std::vector<SweepRow>& rows, const engine::AccuracyScene& scene) {
   std::string defaults = kMarkdownHead, others = kMarkdownHead;
   for (const SweepRow& row : rows) {
-    if (row.scene != scene) continue;
-    (has_default_limits(row) ? defaults : others) += markdown_row(row);
+    if (row.scene != scene.name) continue;
+    (has_default_limits(row) || row.setting == scene.own ? defaults : others) += markdown_row(row);
   }
   return fmt::format("{}\n<details><summary>other limits of error</summary>\n\n{}\n</details>\n", defaults, others);
 }
@@ -122,7 +122,7 @@ std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vect
       "detail, max_error_px is followed by the detail target.\n",
       machine);
   for (const engine::AccuracyScene& scene : scenes)
-    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, markdown_table(rows, scene.name));
+    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, markdown_table(rows, scene));
   return text;
 }
 

@@ -102,12 +102,18 @@ class FrameSweep {
 
   // Throws TooMuchTerrain if the setting's terrain does not fit.
   void measure(const Setting& setting, SweepRow& row, ErrorCollector& errors) {
-    Frame measured = frame(setting, kRadiance | kLit | kPosition | (request_.detail ? ProductSet{kRock} : 0));
+    Frame measured = frame(setting, kRadiance | kLit | kPosition | (request_.detail ? ProductSet{kRock} : 0) |
+                                        (request_.objects.empty() ? 0 : ProductSet{kObjectId}));
     const FrameReport& report = measured.report;
-    // Exclude rocks from the geometric errors, which are measured against the terrain.
-    for (std::size_t i = 0; i < measured.products.rock.size(); ++i)
-      if (measured.products.rock[i] < measured.rocks.size())
-        std::fill_n(&measured.products.position[3 * i], 3, std::numeric_limits<double>::quiet_NaN());
+    // Exclude rocks and objects from the geometric errors, which are measured against the terrain.
+    FrameProducts& products = measured.products;
+    const auto exclude = [&](std::size_t i) {
+      std::fill_n(&products.position[3 * i], 3, std::numeric_limits<double>::quiet_NaN());
+    };
+    for (std::size_t i = 0; i < products.rock.size(); ++i)
+      if (products.rock[i] < measured.rocks.size()) exclude(i);
+    for (std::size_t i = 0; i < products.object_id.size(); ++i)
+      if (products.object_id[i] < request_.objects.size()) exclude(i);
     errors.add_geometry(view_, *terrain_, measured.products.position, report);
     errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
     errors.add_radiance(measured.products.radiance, reference_.radiance);
@@ -162,8 +168,10 @@ bool try_measure(FrameSweep& frame, const Setting& setting, SweepRow& row, Error
   }
 }
 
+bool has_detail(const AccuracyScene& scene) { return scene.frames.front().detail != nullptr; }
+
 // Returns the settings to measure. Each varies one quantity or a pair of them; all others have their defaults.
-std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) {
+std::vector<Setting> settings_of(const SweepOptions& options, const AccuracyScene& scene) {
   std::vector<Setting> settings;
   for (const Visibility method : options.methods) {
     for (const double error : options.max_errors_px)
@@ -175,20 +183,20 @@ std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) 
       }
     for (const double shadows : options.max_shadow_errors_px)
       settings.push_back({{.max_shadow_error_px = shadows}, method});
-    if (!with_detail) continue;
-    for (const double detail : options.max_detail_errors_px)
-      settings.push_back(
-          {{.max_error_px = std::min(Accuracy{}.max_error_px, detail), .max_detail_error_px = detail}, method});
+    if (has_detail(scene))
+      for (const double detail : options.max_detail_errors_px)
+        settings.push_back(
+            {{.max_error_px = std::min(Accuracy{}.max_error_px, detail), .max_detail_error_px = detail}, method});
+    const auto is_own = [&](const Setting& s) { return s.visibility == method && s.accuracy == scene.own; };
+    if (scene.own && std::ranges::none_of(settings, is_own)) settings.push_back({*scene.own, method});
   }
   return settings;
 }
 
-bool has_detail(const AccuracyScene& scene) { return scene.frames.front().detail != nullptr; }
-
 // Returns the number of measurements, including one reference per frame.
 std::size_t steps_of(const std::vector<AccuracyScene>& scenes, const SweepOptions& options) {
   std::size_t steps = 0;
-  for (const AccuracyScene& s : scenes) steps += s.frames.size() * (settings_of(options, has_detail(s)).size() + 1);
+  for (const AccuracyScene& s : scenes) steps += s.frames.size() * (settings_of(options, s).size() + 1);
   return steps;
 }
 
@@ -200,7 +208,7 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
   std::vector<SweepRow> rows;
   std::size_t done = 0;
   for (const AccuracyScene& scene : scenes) {
-    const std::vector<Setting> settings = settings_of(options, has_detail(scene));
+    const std::vector<Setting> settings = settings_of(options, scene);
     std::vector<SweepRow> scene_rows;
     std::vector<ErrorCollector> errors(settings.size());
     std::vector<char> fits(settings.size(), 1);

@@ -83,6 +83,7 @@ struct VerifyRoundTripSettings {
 
 struct VerifyAccuracySettings {
   TerrainSettings terrain;
+  std::string request;               // file with a frame's request, "-": stdin; empty: the scenes
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
   std::string detail;                // name in the assets folder; empty: no scene with detail
   std::vector<std::string> scenes;   // names of the scenes to measure; empty: all

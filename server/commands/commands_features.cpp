@@ -65,10 +65,7 @@ void refuse_without_features(const api::FrameQuery& query) {
 // Returns the COCO document of the craters and rocks in a frame.
 OutputFile list_frame(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                       const api::Assets& assets, const api::Limits& limits) {
-  const auto ground = [&renderer](const std::shared_ptr<const dem::Detail>& detail, double lat_deg, double lon_deg) {
-    return renderer.terrain_with(detail)->height(lat_deg, lon_deg).height_m;
-  };
-  api::FrameQuery query = api::read_frame(request, limits, assets, {}, ground);
+  api::FrameQuery query = api::read_frame(request, limits, assets, {}, ground_heights(renderer));
   refuse_without_features(query);
   // The COCO document describes these limits as its request's, so they must be set before it is made.
   if (!query.request.craters) query.request.craters = s.rims;

@@ -10,13 +10,16 @@
 #include <thread>
 
 #include "api/answers/accuracy_report.h"
+#include "api/assets/assets.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
 #include "engine/verify/closed_forms.h"
 #include "engine/verify/indirect_error.h"
+#include "server/commands/ask.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"
+#include "server/commands/request_file.h"
 #include "server/commands/start.h"
 
 namespace selenograph::server {
@@ -132,6 +135,37 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
   return scenes;
 }
 
+// Throws RequestError for a frame whose errors cannot be measured.
+void refuse_without_errors(const api::Json& body, const engine::FrameRequest& frame) {
+  const auto refuse = [](const std::string& pointer, const std::string& why) {
+    throw api::RequestError("invalid_request", "the frame's errors cannot be measured", {{pointer, why}});
+  };
+  if (!body.contains("sun")) refuse("/sun", "is required: it casts the shadows");
+  if (!frame.terrain) refuse("/terrain", "must not be false: errors are the terrain's");
+  if (frame.shutter) refuse("/shutter", "must be left out: points are compared at one pose");
+}
+
+// Reads the scene of --request. Throws std::runtime_error with all faults of the file.
+engine::AccuracyScene requested_scene(const VerifyAccuracySettings& s, const engine::Renderer& renderer) {
+  const api::Assets assets(s.terrain.assets_dir, mesh_options(s.terrain));
+  const api::Limits limits = command_limits();
+  try {
+    const api::Json body = api::parse_json(read_request(s.request), limits.max_json_depth);
+    engine::FrameRequest frame = api::read_frame(body, limits, assets, {}, ground_heights(renderer)).request;
+    refuse_without_errors(body, frame);
+    // Only the ground's radiance is measured.
+    frame.sensor.reset();
+    frame.sky.reset();
+    frame.craters.reset();
+    frame.flow_to.reset();
+    frame.truth.reset();
+    const engine::Accuracy own = frame.accuracy;
+    return {"request", s.request == "-" ? "from standard input" : s.request, {std::move(frame)}, own};
+  } catch (const api::RequestError& e) {
+    throw std::runtime_error(s.request + ": " + with_findings(e));
+  }
+}
+
 // Returns a scene's frame under each of the requested Suns, with the Sun's elevation.
 std::vector<std::pair<double, engine::FrameRequest>> under_suns(const engine::AccuracyScene& scene,
                                                                 const VerifyAccuracySettings& s) {
@@ -244,6 +278,7 @@ class IndirectTables {
 // Measures the error of light from terrain against processor time.
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes, const Geographic& center) {
+  fs::create_directories(s.output);
   IndirectTables tables(s);
   tables.add_frames(terrain, renderer, scenes);
   if (is_measured(s, "bowls"))
@@ -256,23 +291,15 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
   return 0;
 }
 
-}  // namespace
-
-int verify_accuracy(const VerifyAccuracySettings& settings) {
-  set_up_log(settings.terrain.log_level);
-  TerrainSettings terrain = settings.terrain;
-  if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
-  const auto renderer = make_renderer(terrain);
-  const SceneCenters centers = scene_centers(settings, renderer->terrain());
-  const auto scenes = scenes_of(settings, *renderer, centers);
+// Measures speed against error in scenes.
+int verify_scenes(const VerifyAccuracySettings& settings, const engine::Renderer& renderer,
+                  const std::vector<engine::AccuracyScene>& scenes, engine::SweepOptions options = {}) {
   fs::create_directories(settings.output);
-  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes, centers.center);
-  engine::SweepOptions options;
   options.repetitions = settings.repetitions;
   options.reference_samples = settings.reference_samples;
   ProgressBar bar;
   const auto rows =
-      engine::sweep(*renderer, scenes, options, [&](std::size_t done, std::size_t total, const auto& next) {
+      engine::sweep(renderer, scenes, options, [&](std::size_t done, std::size_t total, const auto& next) {
         bar.show(static_cast<double>(done) / static_cast<double>(total), next);
       });
   const fs::path folder = settings.output;
@@ -282,6 +309,23 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   print_summary(rows);
   fmt::print("{0}: accuracy.csv, accuracy.json, accuracy.md; pictures: deploy/plot {0}\n", settings.output);
   return 0;
+}
+
+}  // namespace
+
+int verify_accuracy(const VerifyAccuracySettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  TerrainSettings terrain = settings.terrain;
+  if (terrain.dem.empty() && settings.request.empty()) terrain.dem = sample_folders(terrain.cache_dir);
+  const auto renderer = make_renderer(terrain);
+  if (!settings.request.empty()) {
+    const engine::AccuracyScene scene = requested_scene(settings, *renderer);
+    return verify_scenes(settings, *renderer, {scene}, {.methods = {scene.frames.front().visibility}});
+  }
+  const SceneCenters centers = scene_centers(settings, renderer->terrain());
+  const auto scenes = scenes_of(settings, *renderer, centers);
+  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes, centers.center);
+  return verify_scenes(settings, *renderer, scenes);
 }
 
 }  // namespace selenograph::server

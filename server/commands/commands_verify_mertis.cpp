@@ -8,6 +8,7 @@
 #include "dem/files/files.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
+#include "server/commands/request_file.h"
 
 namespace selenograph::server {
 namespace {
@@ -21,9 +22,7 @@ api::MertisQuery read_instrument(const std::string& path) {
   try {
     return api::read_mertis(api::parse_json(text, 8));
   } catch (const api::RequestError& e) {
-    std::string what = path + ": " + e.what();
-    for (const api::Finding& f : e.findings()) what += fmt::format("\n  {}: {}", f.pointer, f.detail);
-    throw std::runtime_error(what);
+    throw std::runtime_error(path + ": " + with_findings(e));
   }
 }
 

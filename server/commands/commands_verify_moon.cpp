@@ -16,6 +16,7 @@
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"
+#include "server/commands/request_file.h"
 #include "server/commands/start.h"
 
 namespace selenograph::server {
@@ -64,9 +65,7 @@ engine::FrameRequest read_request(json request, const VerifyMoonSettings& settin
   try {
     return api::read_frame(request, command_limits(), assets).request;
   } catch (const api::RequestError& e) {
-    std::string why = what + ": " + e.what();
-    for (const api::Finding& f : e.findings()) why += fmt::format("\n  {}: {}", f.pointer, f.detail);
-    throw std::runtime_error(why);
+    throw std::runtime_error(what + ": " + with_findings(e));
   }
 }
 

@@ -20,6 +20,7 @@
 #include "engine/verify/photograph_ties.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
+#include "server/commands/request_file.h"
 #include "server/commands/start.h"
 
 namespace selenograph::server {
@@ -90,9 +91,7 @@ engine::FrameRequest read_view_request(const std::string& name, nlohmann::json r
   try {
     return api::read_frame(request, command_limits(), assets).request;
   } catch (const api::RequestError& e) {
-    std::string why = e.what();
-    for (const api::Finding& f : e.findings()) why += fmt::format("\n  {}: {}", f.pointer, f.detail);
-    throw view_error(name, why);
+    throw view_error(name, with_findings(e));
   }
 }
 

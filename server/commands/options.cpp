@@ -254,6 +254,10 @@ void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
 }
 
 void add_options(CLI::App& command, VerifyAccuracySettings& s) {
+  CLI::Option* request = command.add_option(
+      "--request", s.request,
+      "Measure this frame, a request as for POST /v1/frames, instead of the scenes; -: read it from standard input");
+  request->type_name("REQUEST.json");
   add_place(command, "--center", s.center, "Put the scenes at this place; default: the middle of the finest DEM file");
   add_place(command, "--polar-center", s.polar_center,
             "Add a polar scene at this place, with a low Sun; default: no such scene");
@@ -299,6 +303,9 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->check(number_in(0.0, 360.0))
       ->capture_default_str()
       ->needs(indirect);
+  for (const char* of_scenes :
+       {"--center", "--polar-center", "--detail", "--scenes", "--height-m", "--size-px", "--indirect"})
+    request->excludes(command.get_option(of_scenes));
   command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }

@@ -16,6 +16,22 @@ std::string read_request(const std::string& path) {
   return dem::read_whole(path);
 }
 
+std::string with_findings(const api::RequestError& error) {
+  const std::string text = error.what();
+  std::string out = text;
+  for (const api::Finding& f : error.findings()) {
+    const std::string line = fmt::format("{}: {}", f.pointer, f.detail);
+    if (!text.starts_with(line)) out += "\n  " + line;
+  }
+  return out;
+}
+
+api::GroundHeights ground_heights(const engine::Renderer& renderer) {
+  return [&renderer](const std::shared_ptr<const dem::Detail>& detail, double lat_deg, double lon_deg) {
+    return renderer.terrain_with(detail)->height(lat_deg, lon_deg).height_m;
+  };
+}
+
 void print_problem(const api::Response& answer) {
   const auto problem = nlohmann::json::parse(answer.body, nullptr, false);
   if (!problem.is_object()) {

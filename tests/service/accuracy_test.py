@@ -165,6 +165,59 @@ class VerifyAccuracy(unittest.TestCase):
             self.assertLess(float(row[4]), 30)  # few posts share the relief
             self.assertGreater(float(row[6]), float(row[5]))
 
+    def measured_request(self, name, document, *options):
+        done = run("verify", "accuracy", "--request", "-", "--repetitions", "1", "--reference-samples", "16", "--dem", harness.path("dem"),
+                   "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", harness.path(name), *options, input=json.dumps(document))
+        if "refused" in name:
+            self.assertEqual(done.returncode, 1)
+            return done.stderr
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(harness.path(name, "accuracy.csv"), newline="") as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual({row["scene"] for row in rows}, {"request"})
+        return rows
+
+    def test_a_frame_of_ones_own(self):
+        """Its own camera, Sun, object and accuracy: the row of that accuracy has what the frame itself says."""
+        os.makedirs(harness.path("assets", "objects"), exist_ok=True)
+        with open(harness.path("assets", "objects", "mast.obj"), "w") as file:
+            file.write("v -200 -200 0\nv 200 -200 0\nv 0 200 0\nv 0 0 2000\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+        assets = ("--assets-dir", harness.path("assets"))
+        mast = {"mesh": "mast", "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 0.0}, "upright": {}}, "material": {"reflectance": {}}}
+        lens = dict(frame_request()["camera"], distortion={"model": "opencv", "k1": -0.1})
+        accuracy = {"max_error_px": 3, "max_shadow_error_px": 8}
+        document = frame_request(["radiance"], accuracy=accuracy, camera=lens, objects=[mast])
+        rows = self.measured_request("own", document, *assets)
+        own = [row for row in rows if row["max_error_px"] == "3"]
+        self.assertEqual([(row["visibility"], row["max_shadow_error_px"]) for row in own], [("auto", "8")])
+        service = harness.Service(*assets)
+        said = meta_of(service.frame(document, "application/x-npz")[2])
+        service.expect_clean_stop()
+        for row in own:
+            self.assertAlmostEqual(float(row["lod_error_px"]) / said["lod_error_px"], 1, delta=1e-6)
+            self.assertAlmostEqual(float(row["shadow_error_px"]) / said["shadow_error_px"], 1, delta=1e-6)
+            self.assertEqual(float(row["within_lod_error_px"]), 1)  # the object is not ground
+            self.assertGreater(float(row["wrong_shadow_flags"]), 0)
+        with open(harness.path("own", "accuracy.md")) as file:
+            self.assertIn("| auto | 3 | 8 |", file.read().split("<details>")[0])
+
+    def test_a_fisheye_of_ones_own(self):
+        fisheye = {"model": "fisheye", "width": 48, "height": 48, "fx": 20, "fy": 20, "cx": 23.5, "cy": 23.5}
+        rows = self.measured_request("fisheye", frame_request(["radiance"], camera=fisheye, visibility="raytrace"))
+        self.assertEqual({row["visibility"] for row in rows}, {"raytrace"})
+        self.assertTrue(all(float(row["within_lod_error_px"]) == 1 for row in rows))
+
+    def test_a_frame_without_errors_is_refused(self):
+        rolling = {"line_time_s": 1e-3, "velocity_m_s": [0, 0, 100]}
+        sunless = frame_request(["range"])
+        del sunless["sun"]
+        for document, word in ((frame_request(shutter=rolling), "/shutter"), (sunless, "/sun"), (frame_request(camera=None), "/camera"),
+                               (frame_request(terrain=False, accuracy={}), "/terrain"), ([], "object")):
+            problem = self.measured_request("refused", document)
+            self.assertIn(word, problem)
+            self.assertIn("-: ", problem)
+            self.assertFalse(os.path.exists(harness.path("refused")))
+
     def test_a_scene_that_is_not_there_is_refused(self):
         for options, words in ((("--scenes", "polar"), "--polar-center"), (("--scenes", "nadir,touchdown"), "--detail"),
                                (("--indirect", "--scenes", "limb"), "has other scenes"),
