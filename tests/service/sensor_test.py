@@ -240,6 +240,16 @@ class SensorTest(unittest.TestCase):
             self.assertTrue(np.array_equal(one["radiance"], other["radiance"]))
             self.assertLess((one["image"] == other["image"]).mean(), 0.2)
 
+    # The z-buffer draws four samples of a pixel at once, which the point spread takes one by one.
+    def test_both_visibilities_give_one_image_of_samples(self):
+        spread = dict(SENSOR, optics={"f_number": 4.0, "point_spread": {"model": "gaussian", "sigma_px": 0.7}})
+        for samples in (4, 16):
+            drawn, cast = (self.service.arrays(frame_request(["image"], samples=samples, band=BAND, surface=GROUND, sensor=spread,
+                                                             visibility=visibility))["image"].astype(int)
+                           for visibility in ("zbuffer", "raytrace"))
+            self.assertGreater(drawn.std(), 1000)
+            self.assertLessEqual(np.abs(drawn - cast).max(), 1)
+
     # The mean of frames at the moments between, of which a client can ask for each by itself.
     def test_motion_is_the_mean_of_moments(self):
         still = self.frame(products=("image", "radiance"))
