@@ -410,6 +410,8 @@ class RandomViews(WithClient):
         again = list(selenograph.random_views(self.client, request, 12, **asked))
         self.assertEqual(json.dumps(views), json.dumps(again))
         self.assertEqual([view["name"] for view in views], [f"{i:06d}" for i in range(12)])
+        noisy = selenograph.random_views(self.client, {**request, "sensor": {"seed": 1}}, 2, **asked)
+        self.assertEqual([view["sensor"] for view in noisy], [{"frame": 0, "seed": 1}, {"frame": 1, "seed": 1}])
         for view in views:
             frame = self.client.frame({**{k: v for k, v in view.items() if k != "name"},
                                        "products": ["geodetic", "angles", "range"]})

@@ -442,6 +442,19 @@ class Trajectories(unittest.TestCase):
         pose = inertial.at(5)
         self.assertEqual((pose["frame"], pose["utc"]), ("J2000", "2026-11-20T12:00:05Z"))
 
+    def test_each_frame_has_noise_of_its_own(self):
+        trajectory = Trajectory.from_ccsds(harness.write("noise.oem", Orbit.oem([0, 10, 20])), up_azimuth_deg=0)
+
+        def sensors(*times_s, **request):
+            numbered = request.pop("numbered", True)
+            return [made.get("sensor") for made in trajectory.requests(request, list(times_s) or None, numbered=numbered)]
+        detector = {"detector": {"gain_e_dn": 2.0}}
+        self.assertEqual(sensors(sensor=detector), [{"frame": n, **detector} for n in range(3)])
+        self.assertEqual(sensors(5, 7, camera_preset="x"), [{"frame": 0}, {"frame": 1}])
+        self.assertEqual(sensors(5, 7, camera_preset="x", sensor={"seed": 4, "frame": 9}), [{"seed": 4, "frame": 9}] * 2)
+        self.assertEqual(sensors(), [None] * 3)
+        self.assertEqual(sensors(sensor=detector, numbered=False), [detector] * 3)
+
     def test_service_rotates_inertial_orbits(self):
         with Client(url()) as client:
             oem = harness.write("icrf.oem", Orbit.oem(np.arange(0, 61, 10), frame="ICRF"))
