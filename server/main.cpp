@@ -97,8 +97,8 @@ Work add_commands(CLI::App& app, Settings& s) {
   verify.require_subcommand(1);
   add(verify, work, "roundtrip", "Extract a DEM from camera views and compare it with the original",
       s.verify_round_trip, verify_round_trip);
-  add(verify, work, "accuracy", "Measure speed against error on named scenes, for every setting", s.verify_accuracy,
-      verify_accuracy);
+  add(verify, work, "accuracy", "Measure speed against error on named scenes or a frame of your own, for every setting",
+      s.verify_accuracy, verify_accuracy);
   add(verify, work, "moon", "Compare the Moon's brightness with models and images", s.verify_moon, verify_moon);
   add(verify, work, "photographs", "Compare photographs with frames of the same views", s.verify_photographs,
       verify_photographs);

@@ -109,7 +109,8 @@ std::string likely_mistake(const engine::Pose& pose) {
   if (found.empty()) return {};
   std::ranges::stable_sort(found, {}, &std::pair<double, std::string_view>::first);
   std::string text = "an attitude of the same numbers would look at the Moon: " + std::string(found[0].second);
-  for (std::size_t i = 1; i < found.size(); ++i) text += " Or: " + std::string(found[i].second);
+  for (std::size_t i = 1; i < found.size(); ++i)
+    text += (text.ends_with('?') ? " Or: " : ". Or: ") + std::string(found[i].second);
   return text;
 }
 
@@ -207,8 +208,16 @@ const Answer<ViewSource>& view_answer() {
 }
 
 void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
-  constexpr double kMaxUnmappedShare = 0.5;
-  if (camera.rectilinear()) return;
+  constexpr double kMaxUnmappedShare = 0.5, kMaxWidth_deg = 140;
+  if (camera.rectilinear()) {
+    const double half = std::max(camera.width / camera.fx, camera.height / camera.fy) / 2;
+    if (const double width_deg = 2 * std::atan(half) * kDegreesPerRadian; width_deg > kMaxWidth_deg)
+      warnings.push_back(
+          fmt::format("the image is {:.0f} degrees wide: fx and fy are pixels, focal_length_mm is millimetres, fov_deg "
+                      "is degrees",
+                      width_deg));
+    return;
+  }
   const engine::Projection projection(camera);
   const double unmapped =
       share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
@@ -240,11 +249,13 @@ void add_view_warnings(const FrameQuery& query, const engine::FrameReport& repor
   if (report.missing_fraction > kMaxMissing)
     warnings.push_back("most of the pixels look at places without data (missing_fraction)" +
                        why_missing(request, catalogue));
-  if (!query.request.detail && report.view.post_px && *report.view.post_px > kMaxPost_px)
+  if (!query.request.detail && report.view.post_px && *report.view.post_px > kMaxPost_px) {
+    constexpr double kFarTooWide_px = 100;
     warnings.push_back(fmt::format(
         "the posts of the DEM are more than {} pixels wide in the middle of the image (view.post_px): it has "
-        "nothing that is smaller",
-        kMaxPost_px));
+        "nothing that is smaller{}",
+        kMaxPost_px, *report.view.post_px > kFarTooWide_px ? "; heights are metres, angles are degrees" : ""));
+  }
 }
 
 }  // namespace selenograph::api

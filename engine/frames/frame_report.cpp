@@ -44,7 +44,8 @@ void report_drawing(const FrameDrawing& drawing, FrameReport& report) {
 
 double azimuth_deg(const EastNorthUp& local, const Vec3& direction) {
   const double degrees = std::atan2(direction.dot(local.east), direction.dot(local.north)) * kDegreesPerRadian;
-  return degrees < 0 ? degrees + 360 : degrees;
+  const double positive = degrees + 360;  // rounds to 360 for an azimuth just below 0
+  return degrees < 0 && positive < 360 ? positive : std::max(degrees, 0.0);
 }
 
 // Returns the angle that the pixel at the principal point spans horizontally.

@@ -38,7 +38,7 @@ struct SweepRow {
   double shadow_bound_px = 0;        // largest reported shadow_error_px
   ErrorMeasures errors;
   // max_error_px of the reference: 0, the finest posts everywhere, or the smallest power of two with which the terrain
-  // in view fits. For a scene with detail it is the detail's, which has no finest posts.
+  // in view fits. For a scene with detail, which has no finest posts, max_detail_error_px as the reference reached it.
   double reference_max_error_px = 0;
   bool with_detail = false;
   double ratio() const { return frame_ms / bare_ms; }

@@ -111,9 +111,9 @@ void ProgressBar::show(double share, const std::string& detail) {
   constexpr int kWidth = 30;
   const std::string bar(static_cast<std::size_t>(kWidth * percent / 100), '#');
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start_;
-  const double left_s = share > 0 ? spent.count() / share * (1 - share) : 0;
-  fmt::print(stderr, "{}[{:<{}}] {:3}%  {:.0f} s left  {}{}", terminal_ ? "\r\033[K" : "", bar, kWidth, percent, left_s,
-             detail, terminal_ && share < 1 ? "" : "\n");
+  const std::string left = share > 0 ? fmt::format("{:.0f} s left  ", spent.count() / share * (1 - share)) : "";
+  fmt::print(stderr, "{}[{:<{}}] {:3}%  {}{}{}", terminal_ ? "\r\033[K" : "", bar, kWidth, percent, left, detail,
+             terminal_ && share < 1 ? "" : "\n");
 }
 
 void ProgressBar::end_line() const {

@@ -192,6 +192,13 @@ class Maps(harness.WithService):
                 self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["grid"], meta["grid"])
                 self.assertEqual((meta["grid"]["height"], meta["grid"]["width"]), arrays["height"].shape)
 
+    def test_a_map_of_less_than_a_pixel_is_warned_of(self):
+        for width_m, warned in ((0.2, True), (100.0, False)):
+            area = {"projection": "orthographic", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "gsd_m": 100.0, "width_m": width_m, "height_m": 300.0}
+            answer = self.service.arrays({"map": area, "products": ["height"]}, "/v1/maps")
+            self.assertEqual(answer["height"].shape, (3, 1))
+            self.assertEqual(any("less than gsd_m" in text for text in answer["meta"]["warnings"]), warned)
+
     def test_source_alone(self):
         tiff = Tiff(self.map(map_request(PLACES["orthographic"], "source"), "image/tiff"))
         self.assertEqual(tiff.bands["source"].dtype, np.uint16)

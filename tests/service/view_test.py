@@ -94,6 +94,7 @@ class View(unittest.TestCase):
             view = meta["view"]
             self.assertAlmostEqual(view["off_nadir_deg"], 0, 6)
             self.assertAlmostEqual((view["up_azimuth_deg"] - up + 180) % 360, 180, 6)
+            self.assertTrue(0 <= view["up_azimuth_deg"] < 360)
             self.assertAlmostEqual(view["sun"]["azimuth_deg"], 80, 2)
             self.assertAlmostEqual(view["sun"]["elevation_deg"], 15, 2)
             # Posts of 1/256 degree, a pixel's angle at the boresight.
@@ -157,6 +158,7 @@ class View(unittest.TestCase):
         first, *others = said.split(" Or: ")
         self.assertIn("OpenGL", first)
         self.assertTrue(others, said)
+        self.assertRegex(first, r"[.?]$")
 
     def test_what_is_known_where_there_is_no_data(self):
         away = nadir(LAT + 20, LON, -20000.0)
@@ -246,6 +248,15 @@ class View(unittest.TestCase):
 
     def test_posts_wider_than_eight_pixels(self):
         self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))
+        self.assertNotIn("metres", self.warned(nadir(height_m=800.0)))
+        low = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_above_ground_m": 0.8}, "nadir": {}}  # km
+        self.assertIn("heights are metres", self.warned(low))
+
+    def test_an_image_too_wide_for_a_pinhole(self):
+        for f, words in ((1.5, "171 degrees wide"), (20.0, "")):
+            warned = self.warned(nadir(), camera={"width": 40, "height": 30, "fx": f, "fy": f})
+            self.assertIn(words, warned)
+            self.assertEqual("degrees wide" in warned, bool(words), warned)
 
 
 if __name__ == "__main__":

@@ -53,8 +53,8 @@ void check_times(const JsonReader& in, const std::vector<PoseAtTime>& poses) {
 const Members<Shutter>& shutter_members() {
   static const auto table = make_table<Members<Shutter>>(
       "Shutter",
-      "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each row is rendered "
-      "by ray tracing from the pose at its time. The camera moves from `pose`, which is that of row 0, at constant "
+      "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each row is seen "
+      "from the pose at its time. The camera moves from `pose`, which is that of row 0, at constant "
       "rates (`velocity_m_s`, `angular_rate_deg_s` or both; one that is left out is zero), or through `poses`, which "
       "replace `pose`.",
       [](auto& m) {
