@@ -153,8 +153,8 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   const double narrower_m =
       std::min(query.area.width_m.value_or(query.area.gsd_m), query.area.height_m.value_or(query.area.gsd_m));
   if (narrower_m < query.area.gsd_m)
-    warnings.push_back(fmt::format(
-        "the map is {:g} m wide, less than gsd_m: it has one pixel across; lengths are metres", narrower_m));
+    warnings.push_back(
+        fmt::format("a side of the map is {:g} m, less than gsd_m: it is one pixel; lengths are metres", narrower_m));
   if (query.map_error) warn_of_map_error(*query.map_error, query.scenery().detail != nullptr, warnings);
   if (query.request.rocks) warn_of_no_rocks(*query.scenery().detail, warnings);
   return metadata_answer().write({.request = query.scenery(),

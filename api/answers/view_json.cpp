@@ -211,11 +211,11 @@ void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
   constexpr double kMaxUnmappedShare = 0.5, kMaxWidth_deg = 140;
   if (camera.rectilinear()) {
     const double half = std::max(camera.width / camera.fx, camera.height / camera.fy) / 2;
-    if (const double width_deg = 2 * std::atan(half) * kDegreesPerRadian; width_deg > kMaxWidth_deg)
+    if (const double across_deg = 2 * std::atan(half) * kDegreesPerRadian; across_deg > kMaxWidth_deg)
       warnings.push_back(
-          fmt::format("the image is {:.0f} degrees wide: fx and fy are pixels, focal_length_mm is millimetres, fov_deg "
-                      "is degrees",
-                      width_deg));
+          fmt::format("the image spans {:.0f} degrees: check its units (fx and fy are pixels, focal_length_mm is "
+                      "millimetres, fov_deg is degrees)",
+                      across_deg));
     return;
   }
   const engine::Projection projection(camera);

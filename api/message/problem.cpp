@@ -156,7 +156,9 @@ Response answer_or_described_problem(const Request& request, const std::function
     return problem("deadline_exceeded", e.what());
   } catch (const Cancelled&) {
     if (client_has_left(request)) return problem("client_gone", "the client left");
-    return problem("deadline_exceeded", "not ready in time: ask for less, or start serve with a longer --deadline-s");
+    return problem(
+        "deadline_exceeded",
+        "not ready in time: ask for less, or allow more time (Request-Timeout-Ms, at most the service's --deadline-s)");
   } catch (const std::bad_alloc&) {
     return memory_problem();
   } catch (const std::length_error&) {  // a container asked for more than its max_size()

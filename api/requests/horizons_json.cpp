@@ -29,8 +29,8 @@ const Members<HorizonOptions>& horizon_members() {
           "number of azimuths, in equal steps clockwise from north");
     m.add("height_above_ground_m", &HorizonOptions::height_above_ground_m, Number{{0, 1e4}, "m"}, "height of the eye");
     m.add("farthest_km", farthest_km, Number{{1, 300}, "km"},
-          "distance along the sphere; farther ground is ignored, so that horizons that it makes are too low: at 84.8 "
-          "S, 20 km instead of 200 by up to 2 degrees");
+          "distance along the sphere; farther ground is ignored, so horizons formed by it come out too low (at 84.8 S, "
+          "by up to 2 degrees with 20 km instead of 200)");
   });
   return *table;
 }

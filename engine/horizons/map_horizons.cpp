@@ -193,8 +193,8 @@ class HorizonSearch {
     std::array<Vec3, kPacket> up;
     for (std::size_t i = 0; i < kPacket; ++i) up[i] = packet.up[packet.index[i] >= 0 ? i : first];
     // The relief's cells round crests between triangles, and an eye on a rounded crest finds its horizon too high.
-    // Pixels of a lattice stand on posts, where both agree; an eye on the ground keeps to the ground that it looks
-    // along.
+    // Pixels of a lattice stand on posts, where both agree. An eye on the ground stays on the relief: it would be below
+    // or above the ground that it looks along.
     std::array<float, kPacket> triangle_m;
     triangle_m.fill(std::numeric_limits<float>::quiet_NaN());
     if (!march.on_lattice && !march.on_ground)

@@ -93,7 +93,7 @@ std::string machine() {
   return fmt::format("{}, {} cores", name, std::thread::hardware_concurrency());
 }
 
-// Prints the rows with the default aims, with other aims for shadows and detail only where they are a scene's own.
+// Prints the rows with the default targets for shadows and detail, and each scene's own setting.
 void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<engine::AccuracyScene>& scenes) {
   const engine::Accuracy standard;
   fmt::print("{:<10}{:<10}{:>14}{:>12}{:>10}{:>9}{:>14}{:>16}{:>14}\n", "scene", "visibility", "max_error_px",
@@ -101,9 +101,9 @@ void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<
   for (const engine::SweepRow& r : rows) {
     const bool is_own = std::ranges::any_of(
         scenes, [&](const engine::AccuracyScene& scene) { return scene.name == r.scene && r.setting == scene.own; });
-    const bool has_default_aims = r.setting.max_shadow_error_px == standard.max_shadow_error_px &&
-                                  r.setting.max_detail_error_px == standard.max_detail_error_px;
-    if (!is_own && !has_default_aims) continue;
+    const bool has_default_targets = r.setting.max_shadow_error_px == standard.max_shadow_error_px &&
+                                     r.setting.max_detail_error_px == standard.max_detail_error_px;
+    if (!is_own && !has_default_targets) continue;
     fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>10.1f}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}{}\n", r.scene,
                api::visibility_name(r.visibility), r.setting.max_error_px, api::samples_text(r.setting), r.frame_ms,
                r.ratio(), r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms,
@@ -112,8 +112,8 @@ void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<
   for (const engine::AccuracyScene& scene : scenes) {
     const auto row = std::ranges::find(rows, scene.name, &engine::SweepRow::scene);
     if (row != rows.end() && row->reference_max_error_px > 0)
-      fmt::print("{}: the reference has {} down to {:.3g} px\n", scene.name, row->with_detail ? "detail" : "posts",
-                 row->reference_max_error_px);
+      fmt::print("{}: {} of the reference is {:.3g}\n", scene.name,
+                 row->with_detail ? "max_detail_error_px" : "max_error_px", row->reference_max_error_px);
   }
 }
 
@@ -151,13 +151,14 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
 }
 
 // Throws RequestError for a frame whose errors cannot be measured.
-void refuse_without_errors(const api::Json& body, const engine::FrameRequest& frame) {
+void refuse_unmeasurable(const api::Json& body, const api::FrameQuery& query) {
   const auto refuse = [](const std::string& pointer, const std::string& why) {
     throw api::RequestError("invalid_request", "the frame's errors cannot be measured", {{pointer, why}});
   };
   if (!body.contains("sun")) refuse("/sun", "is required: it casts the shadows");
-  if (!frame.terrain) refuse("/terrain", "must not be false: errors are the terrain's");
-  if (frame.shutter) refuse("/shutter", "must be left out: points are compared at one pose");
+  if (!query.request.terrain) refuse("/terrain", "must not be false: errors are the terrain's");
+  if (query.request.shutter) refuse("/shutter", "must be left out: points are compared at one pose");
+  if (query.budget_ms) refuse("/accuracy/budget_ms", "must be left out: every setting is measured");
 }
 
 // Reads the scene of --request. Throws std::runtime_error with all faults of the file.
@@ -166,9 +167,10 @@ engine::AccuracyScene requested_scene(const VerifyAccuracySettings& s, const eng
   const api::Limits limits = command_limits();
   try {
     const api::Json body = api::parse_json(read_request(s.request), limits.max_json_depth);
-    engine::FrameRequest frame = api::read_frame(body, limits, assets, {}, ground_heights(renderer)).request;
-    refuse_without_errors(body, frame);
-    // Only the ground's radiance is measured.
+    const api::FrameQuery query = api::read_frame(body, limits, assets, {}, ground_heights(renderer));
+    refuse_unmeasurable(body, query);
+    engine::FrameRequest frame = query.request;
+    // None of these is measured.
     frame.sensor.reset();
     frame.sky.reset();
     frame.craters.reset();

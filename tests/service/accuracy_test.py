@@ -165,10 +165,10 @@ class VerifyAccuracy(unittest.TestCase):
             self.assertLess(float(row[4]), 30)  # few posts share the relief
             self.assertGreater(float(row[6]), float(row[5]))
 
-    def measured_request(self, name, document, *options):
+    def measured_request(self, name, document, *options, refused=False):
         done = run("verify", "accuracy", "--request", "-", "--repetitions", "1", "--reference-samples", "16", "--dem", harness.path("dem"),
                    "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", harness.path(name), *options, input=json.dumps(document))
-        if "refused" in name:
+        if refused:
             self.assertEqual(done.returncode, 1)
             return done.stderr
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -207,13 +207,14 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertEqual({row["visibility"] for row in rows}, {"raytrace"})
         self.assertTrue(all(float(row["within_lod_error_px"]) == 1 for row in rows))
 
-    def test_a_frame_without_errors_is_refused(self):
+    def test_an_unmeasurable_frame_is_refused(self):
         rolling = {"line_time_s": 1e-3, "velocity_m_s": [0, 0, 100]}
         sunless = frame_request(["range"])
         del sunless["sun"]
         for document, word in ((frame_request(shutter=rolling), "/shutter"), (sunless, "/sun"), (frame_request(camera=None), "/camera"),
-                               (frame_request(terrain=False, accuracy={}), "/terrain"), ([], "object")):
-            problem = self.measured_request("refused", document)
+                               (frame_request(terrain=False, accuracy={}), "/terrain"), ([], "object"),
+                               (frame_request(accuracy={"budget_ms": 50}), "/accuracy/budget_ms")):
+            problem = self.measured_request("refused", document, refused=True)
             self.assertIn(word, problem)
             self.assertIn("-: ", problem)
             self.assertFalse(os.path.exists(harness.path("refused")))

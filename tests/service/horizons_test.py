@@ -147,7 +147,7 @@ class Horizons(unittest.TestCase):
         return wrong
 
     def beside_a_pole(self, horizon, offsets_deg):
-        """Triangles there are narrower than cells, and one horizon in a thousand is too high."""
+        """Triangles there are narrower than cells, and up to two horizons in a thousand are too high."""
         harness.sample("south", "--south-deg", "-90", "--west-deg", "0", "--rows", "5", "--columns", "12", "--ppd", "128")
         service = Service(dem="south", cache="south")
         random = np.random.default_rng(99)
@@ -159,7 +159,7 @@ class Horizons(unittest.TestCase):
         service.expect_clean_stop()
 
     def test_rays_pass_just_above_and_hit_just_below(self):
-        """From eyes 2 m above places at random, by rays to the triangles that frames show. Horizons are never too high,
+        """From eyes 2 m above places at random, by rays to the triangles that frames show. On this ground horizons are never too high,
         and too low where edges of triangles cross the relief's cells nearby."""
         random = np.random.default_rng(7)
         offsets_deg = np.array([-0.1, -0.015, -0.005, 0.005, 0.015, 0.03, 0.1])

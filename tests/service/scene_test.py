@@ -82,7 +82,6 @@ class SceneTest(unittest.TestCase):
         self.assertEqual(f["meta"]["objects"][0]["triangles"], 84)
         self.assertEqual(set(f["meta"]["objects"][0]["parts"]), {"body", "panel", "antenna"})
 
-    # What a frame's pixels see of an object, rays meet; the ground behind it is hidden.
     def test_the_ground_lights_an_object_from_below(self):
         """Over a plane of radiance L a downward Lambert face has rho L, though the camera, which looks up, sees no ground."""
         with open(asset("objects", "plate.obj"), "w") as f:
@@ -100,6 +99,7 @@ class SceneTest(unittest.TestCase):
         self.assertEqual(dark.max(), 0)
         self.assertLess(np.abs(lit / (0.3 * ground) - 1).max(), 0.05)
 
+    # What a frame's pixels see of an object, rays meet; the ground behind it is hidden.
     def test_rays_and_landmarks_know_objects(self):
         f = self.frame(["object_id", "range", "position", "geodetic"], objects=[SATELLITE], **WIDE)
         pose = f["meta"]["request"]["pose"]

@@ -317,6 +317,15 @@ class SensorTest(unittest.TestCase):
         self.assertEqual(tags[0], tags[1])
         self.assertEqual(tags[2], tags[3])
         self.assertNotEqual(tags[0], tags[2])
+        with open(os.path.join(path, "bare.json"), "w") as file:
+            json.dump({"camera": preset["camera"]}, file)
+        bare = dict(request, camera_preset="bare", image={"bit_depth": 8})
+        answers = [self.service.frame(dict(bare, **numbered), "image/png")[::2] for numbered in ({}, {"sensor": {"frame": 7}})]
+        self.assertEqual(answers[0][0], 200)
+        self.assertEqual(answers[0], answers[1])  # no sensor has noise to number
+        status, _, body = self.service.frame(dict(bare, sensor={"frame": 7, "detector": {"gain_e_dn": 2.0}}))
+        self.assertEqual(status, 422)
+
         status, _, body = self.service.frame(dict(request, camera_preset="none-such"))
         self.assertEqual((status, [e["pointer"] for e in json.loads(body)["errors"]]), (422, ["/camera_preset"]))
         self.assertIn("navigation-camera", json.loads(body)["detail"])

@@ -446,14 +446,17 @@ class Trajectories(unittest.TestCase):
         trajectory = Trajectory.from_ccsds(harness.write("noise.oem", Orbit.oem([0, 10, 20])), up_azimuth_deg=0)
 
         def sensors(*times_s, **request):
-            numbered = request.pop("numbered", True)
-            return [made.get("sensor") for made in trajectory.requests(request, list(times_s) or None, numbered=numbered)]
+            return [made.get("sensor") for made in trajectory.requests(request, list(times_s) or None)]
         detector = {"detector": {"gain_e_dn": 2.0}}
         self.assertEqual(sensors(sensor=detector), [{"frame": n, **detector} for n in range(3)])
         self.assertEqual(sensors(5, 7, camera_preset="x"), [{"frame": 0}, {"frame": 1}])
         self.assertEqual(sensors(5, 7, camera_preset="x", sensor={"seed": 4, "frame": 9}), [{"seed": 4, "frame": 9}] * 2)
         self.assertEqual(sensors(), [None] * 3)
-        self.assertEqual(sensors(sensor=detector, numbered=False), [detector] * 3)
+        rig = {"left": {"camera_preset": "x"}, "right": {"sensor": detector}, "up": {"pose": 1}}
+        last = trajectory.requests({"cameras": rig})[2]
+        self.assertEqual(last["cameras"], {"left": {"camera_preset": "x", "sensor": {"frame": 2}},
+                                           "right": {"sensor": {"frame": 2, **detector}}, "up": {"pose": 1}})
+        self.assertNotIn("sensor", last)
 
     def test_service_rotates_inertial_orbits(self):
         with Client(url()) as client:

@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/sensor_json.h"
@@ -26,10 +28,19 @@ const Members<Preset>& preset_members() {
         m.add("description", &Preset::description, Text{}, "description of the camera; ignored");
         m.add("camera", &Preset::camera, Object{camera_members()}, "camera of requests without one");
         m.add("band", &Preset::band, Object{band_members()}, "band of requests without one");
-        m.add("sensor", &Preset::sensor, Object{sensor_members()},
-              "sensor; members of the request's own sensor replace those here");
+        m.add(
+            "sensor", &Preset::sensor, Object{sensor_members()},
+            "sensor; members of the request's own sensor replace those here. If it is left out, a request's sensor of "
+            "`seed` and `frame` alone is none");
       });
   return *table;
+}
+
+// Returns true for a "sensor" that says nothing of a sensor: a client numbers the frames of any preset.
+bool only_numbers_noise(const Json& sensor) {
+  if (!sensor.is_object() || sensor.empty()) return false;
+  return std::ranges::all_of(sensor.items(),
+                             [](const auto& member) { return member.key() == "frame" || member.key() == "seed"; });
 }
 
 }  // namespace
@@ -51,6 +62,8 @@ std::optional<Json> with_camera_preset(const Json& body, const ReadContext& cont
     Json sensor = preset.at("sensor");
     if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
     merged["sensor"] = sensor;
+  } else if (merged.contains("sensor") && only_numbers_noise(merged["sensor"])) {
+    merged.erase("sensor");
   }
   return merged;
 }

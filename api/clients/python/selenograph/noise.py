@@ -1,16 +1,22 @@
-"""Noise of its own for each of many frames."""
+"""Numbers of frames, so that each has its own noise."""
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any, Dict, Mapping
 
 from .request_types import AnyFrameRequest
 
 
-def numbered_sensor(request: AnyFrameRequest, number: int) -> Dict[str, Any]:
-    """Returns the "sensor" of a frame of many, with `number` as its "frame" unless it has one; empty without a sensor.
+def numbered_sensors(request: AnyFrameRequest, number: int) -> Dict[str, Any]:
+    """Returns the members of a frame of many that number its sensors: "sensor.frame" is `number` unless it is there."""
+    changes = _numbered(request, number)
+    cameras = request.get("cameras")
+    if isinstance(cameras, Mapping):
+        changes["cameras"] = {name: {**camera, **_numbered(camera, number)} for name, camera in cameras.items()}
+    return changes
 
-    Frames of one number have the same noise. A "camera_preset" is taken to have a sensor.
-    """
-    sensor = request.get("sensor", {} if "camera_preset" in request else None)
+
+def _numbered(part: Mapping[str, Any], number: int) -> Dict[str, Any]:
+    # The service ignores a number alone where the preset has no sensor.
+    sensor = part.get("sensor", {} if "camera_preset" in part else None)
     return {} if sensor is None else {"sensor": {"frame": number, **sensor}}

@@ -14,7 +14,7 @@ from .epochs import Epoch, datetime_of, et_of, parse_epoch, utc_text
 from .interpolation import Track, Turns, segment_at
 from .kernels import Kernels, SpkTrack, When
 from .moon import INERTIAL
-from .noise import numbered_sensor
+from .noise import numbered_sensors
 from .pose import Pose
 from .request_types import AnyFrameRequest
 from .rotations import Vector, product, quaternion_of
@@ -212,21 +212,17 @@ class Trajectory:
             raise ValueError("the trajectory has no epoch: its times are not UTC")
         return utc_text(self.start + datetime.timedelta(seconds=float(time_s)))
 
-    def requests(self, request: AnyFrameRequest, times_s: Optional[Iterable[float]] = None, *,
-                 numbered: bool = True) -> List[Dict[str, Any]]:
+    def requests(self, request: AnyFrameRequest, times_s: Optional[Iterable[float]] = None) -> List[Dict[str, Any]]:
         """Returns `request` with the pose of each time (default: times_s).
 
-        A sensor without a "frame" gets 0, 1, 2 ..: noise of its own for each frame. With `numbered` false it does not,
-        as for a camera_preset that has no sensor. A request without "sun" gets the Sun of each epoch. Where the Sun is the kernels', a "sky" without an epoch gets
+        A sensor without a "frame" gets 0, 1, 2 .., so that each frame has its own noise. A request without "sun" gets the Sun of each epoch. Where the Sun is the kernels', a "sky" without an epoch gets
         each epoch and the kernels' states. The result is a list, so that frames() knows all poses ahead.
         """
         if "sun" not in request and self.start is None and set(request.get("products", ["radiance"])) & NEED_SUN:
             raise ValueError('the request has no "sun", and the trajectory no epoch to find it by; add one by Sun')
         requests = []
         for number, time_s in enumerate(self.times_s if times_s is None else times_s):
-            changes: Dict[str, Any] = {"pose": self.at(time_s)}
-            if numbered:
-                changes.update(numbered_sensor(request, number))
+            changes: Dict[str, Any] = {"pose": self.at(time_s), **numbered_sensors(request, number)}
             if "sun" not in request and self.start is not None:
                 utc = self.utc(time_s)
                 if self._kernels is not None and self._kernels.has_sun:

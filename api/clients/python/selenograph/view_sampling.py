@@ -18,7 +18,7 @@ from .answers import Frame
 from .client import Client
 from .errors import Refused
 from .moon import MOON_RADIUS_M, zenith
-from .noise import numbered_sensor
+from .noise import numbered_sensors
 from .pose import Pose
 from .request_types import AnyFrameRequest, AnyRegion
 from .sun import Sun
@@ -35,9 +35,9 @@ Interval = Tuple[float, float]  # lower and upper bound
 
 def random_views(client: Client, request: AnyFrameRequest, count: int, *, region: AnyRegion,
                  altitude_m: Interval, off_nadir_deg: Interval = (0, 0), sun_elevation_deg: Interval = (5, 60),
-                 seed: int = 0, numbered: bool = True) -> Iterator[Dict[str, Any]]:
+                 seed: int = 0) -> Iterator[Dict[str, Any]]:
     """Yields the request with `count` random poses and Suns, as for a training set. Each has a "name" for a manifest.
-    With `numbered`, a sensor without a "frame" gets 0, 1, 2 ..: noise of its own for each frame.
+    A sensor without a "frame" gets 0, 1, 2 .., so that each frame has its own noise.
 
     region              south_deg, north_deg, west_deg, east_deg of the targets, the places in the image's middle;
                         uniform by area
@@ -67,8 +67,7 @@ def random_views(client: Client, request: AnyFrameRequest, count: int, *, region
             if rejected > FREE_REJECTIONS + REJECTIONS_PER_VIEW * (number + 1):
                 raise ValueError(f"of {rejected + number} views drawn {rejected} see ground without data, or none: is "
                                  "the region within the service's tiles?")
-        sensor = numbered_sensor(request, number) if numbered else {}
-        yield {**request, **view, **sensor, "name": f"{number:06d}"}
+        yield {**request, **view, **numbered_sensors(request, number), "name": f"{number:06d}"}
 
 
 class _Draw(NamedTuple):
