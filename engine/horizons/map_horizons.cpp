@@ -185,7 +185,8 @@ class HorizonSearch {
     march.on_lattice = lattice != nullptr;
     for (int i = 0; lattice && i < kPacket; ++i) {
       march.x[i] = static_cast<float>((packet.column + i % kPacketColumns - lattice->column) * lattice->spacing_m);
-      march.y[i] = static_cast<float>((lattice->row - packet.row - i / kPacketColumns) * lattice->spacing_m);
+      const int row = packet.row + i / kPacketColumns;
+      march.y[i] = static_cast<float>((lattice->row - row) * lattice->spacing_m);
     }
     // Lanes without a place repeat the first one, so that they do not widen the packet.
     const auto first = static_cast<std::size_t>(
@@ -321,7 +322,8 @@ std::optional<PixelLattice> lattice_of(const dem::MapGrid& grid, const PixelRect
 // Places the centre of a tile in the middle of its lattice.
 void centre_on_lattice(const dem::MapGrid& grid, const PixelRect& rect, PlaceTile& tile) {
   tile.centre = *dem::MapTransform(grid.plane).direction(grid.point(tile.lattice->column, tile.lattice->row));
-  tile.half_m = (std::max(rect.width, rect.height) / 2 + 1) * tile.lattice->spacing_m;
+  const int half = std::max(rect.width, rect.height) / 2 + 1;
+  tile.half_m = half * tile.lattice->spacing_m;
 }
 
 // Finds the horizons of a rectangle, or of its halves if its relief would be too large.
