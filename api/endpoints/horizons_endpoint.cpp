@@ -45,10 +45,8 @@ void describe_horizons(Operation& o) {
 void describe_illumination(Operation& o) {
   o.describe(
       "Visible shares of the Sun's disc, with limb darkening (as in frames with `sun.limb_darkening` 0.6; their "
-      "default "
-      "is 0), and of the Earth's disc, a sphere of 6371 km, above the horizons of POST /v1/horizons, at epochs in "
-      "equal "
-      "steps. Frames cast exact shadows of their own.");
+      "default is 0), and of the Earth's disc, a sphere of 6371 km, above the horizons of POST /v1/horizons, at "
+      "epochs in equal steps. Frames cast exact shadows of their own.");
   o.body("/v1/illumination", illumination_members());
   o.answer_as_accepted(kIlluminationAnswers, "IlluminationAnswer", {"Vary"});
   o.schema("IlluminationAnswer", illumination_schema());

@@ -159,8 +159,8 @@ class Horizons(unittest.TestCase):
         service.expect_clean_stop()
 
     def test_rays_pass_just_above_and_hit_just_below(self):
-        """From eyes 2 m above places at random, by rays to the triangles that frames show. On this ground horizons are never too high,
-        and too low where edges of triangles cross the relief's cells nearby."""
+        """From eyes 2 m above places at random, by rays to the triangles that frames show. On this ground horizons are
+        never too high, and too low where edges of triangles cross the relief's cells nearby."""
         random = np.random.default_rng(7)
         offsets_deg = np.array([-0.1, -0.015, -0.005, 0.005, 0.015, 0.03, 0.1])
         horizon = {**HORIZON, "azimuths": 16, "height_above_ground_m": 2}

@@ -215,8 +215,9 @@ class Trajectory:
     def requests(self, request: AnyFrameRequest, times_s: Optional[Iterable[float]] = None) -> List[Dict[str, Any]]:
         """Returns `request` with the pose of each time (default: times_s).
 
-        A sensor without a "frame" gets 0, 1, 2 .., so that each frame has its own noise. A request without "sun" gets the Sun of each epoch. Where the Sun is the kernels', a "sky" without an epoch gets
-        each epoch and the kernels' states. The result is a list, so that frames() knows all poses ahead.
+        A sensor without a "frame" gets 0, 1, 2 .., so that each frame has its own noise. A request without "sun" gets
+        the Sun of each epoch. Where the Sun is the kernels', a "sky" without an epoch gets each epoch and the kernels'
+        states. The result is a list, so that frames() knows all poses ahead.
         """
         if "sun" not in request and self.start is None and set(request.get("products", ["radiance"])) & NEED_SUN:
             raise ValueError('the request has no "sun", and the trajectory no epoch to find it by; add one by Sun')
