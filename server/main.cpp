@@ -44,8 +44,6 @@ struct Settings {
   SampleSettings sample;
   VerifyRoundTripSettings verify_round_trip;
   VerifyAccuracySettings verify_accuracy;
-  VerifyMoonSettings verify_moon;
-  VerifyPhotographsSettings verify_photographs;
   VerifyGroundSettings verify_ground;
   VerifyMertisSettings verify_mertis;
 };
@@ -95,13 +93,11 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "info", "List the DEM files, their footprints and gaps", s.info, info);
   CLI::App& verify = *app.add_subcommand("verify", "Measure the accuracy of the answers");
   verify.require_subcommand(1);
+  verify.footer("Photographs and the Moon's brightness: tests/verify/photographs.py and tests/verify/moon.py.");
   add(verify, work, "roundtrip", "Extract a DEM from camera views and compare it with the original",
       s.verify_round_trip, verify_round_trip);
   add(verify, work, "accuracy", "Measure speed against error on named scenes or a frame of your own, for every setting",
       s.verify_accuracy, verify_accuracy);
-  add(verify, work, "moon", "Compare the Moon's brightness with models and images", s.verify_moon, verify_moon);
-  add(verify, work, "photographs", "Compare photographs with frames of the same views", s.verify_photographs,
-      verify_photographs);
   add(verify, work, "ground", "Compare a detail's slopes and craters with published laws", s.verify_ground,
       verify_ground);
   add(verify, work, "mertis", "Compute flux and SNR of a thermal imaging spectrometer", s.verify_mertis, verify_mertis);

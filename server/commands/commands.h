@@ -98,25 +98,6 @@ struct VerifyAccuracySettings {
   std::string output;  // folder
 };
 
-struct VerifyMoonSettings {
-  TerrainSettings terrain;
-  std::vector<std::string> albedo_maps;  // names in the assets folder
-  std::string images;                    // folder with views.json and NAME.npy; empty: none
-  std::string center;                    // "LAT,LON": compare relief there instead of the disc; empty: the disc
-  std::optional<double> width_m;         // of the ground at `center`; empty: 20 km
-  std::string detail;                    // name in the assets folder; empty: none
-  int size_px = 256;
-  std::string output;  // folder
-};
-
-struct VerifyPhotographsSettings {
-  TerrainSettings terrain;
-  std::string images;  // folder of the photographs
-  std::string views;   // views of the photographs; empty: views.json in `images`
-  bool fit = false;    // fit the views instead, and write them
-  std::string output;  // folder
-};
-
 struct VerifyGroundSettings {
   TerrainSettings terrain;
   std::string detail;  // name in the assets folder
@@ -141,8 +122,6 @@ void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
-void add_options(CLI::App& command, VerifyMoonSettings& settings);
-void add_options(CLI::App& command, VerifyPhotographsSettings& settings);
 void add_options(CLI::App& command, VerifyGroundSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
@@ -160,8 +139,6 @@ int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
-int verify_moon(const VerifyMoonSettings& settings);
-int verify_photographs(const VerifyPhotographsSettings& settings);
 int verify_ground(const VerifyGroundSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 

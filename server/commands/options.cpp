@@ -310,43 +310,6 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
   add_options(command, s.terrain);
 }
 
-void add_options(CLI::App& command, VerifyMoonSettings& s) {
-  command
-      .add_option(
-          "--albedo-maps", s.albedo_maps,
-          "Use these maps of radiance factors in the assets folder; the first that covers a point counts; needs --dem")
-      ->delimiter(',')
-      ->type_name("NAME");
-  command
-      .add_option("--images", s.images,
-                  "Compare the images of this folder, listed in views.json, with their frames; needs --dem")
-      ->type_name("DIR");
-  add_place(command, "--center", s.center,
-            "Compare terrain at this place with smooth ground, by incidence, instead of the disc; needs --dem");
-  command.add_option("--width-m", s.width_m, "Set the width of the ground at --center")
-      ->check(number_in(1.0, 1e6))
-      ->default_str("20000");
-  command.add_option("--detail", s.detail, "Use this detail of the assets folder at --center; default: none")
-      ->type_name("NAME");
-  command.add_option("--size-px", s.size_px, "Render frames of this side")
-      ->check(CLI::Range(32, 4096))
-      ->capture_default_str();
-  command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
-  add_options(command, s.terrain);
-}
-
-void add_options(CLI::App& command, VerifyPhotographsSettings& s) {
-  command
-      .add_option("--images", s.images,
-                  "Compare the photographs of this folder, listed in its views.json (engine/verify/photographs.md)")
-      ->required()
-      ->type_name("DIR");
-  command.add_option("--views", s.views, "Read the views from this file instead")->type_name("VIEWS.json");
-  command.add_flag("--fit", s.fit, "Fit the views to the photographs instead, and write them to views.json");
-  command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
-  add_options(command, s.terrain);
-}
-
 void add_options(CLI::App& command, VerifyGroundSettings& s) {
   command.add_option("--detail", s.detail, "Measure this detail of the assets folder")->required()->type_name("NAME");
   command.add_option("--places", s.places, "Measure this many squares of 40 x 40 baselines for each baseline")

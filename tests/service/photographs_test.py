@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""`selenograph verify photographs`: views fitted and measured on frames with a film's tone curve and grain, on real
-photographs where the shared data are, and views written by deploy/photograph-view."""
+"""tests/verify/photographs.py: views fitted and measured on frames with a film's tone curve and grain, on real
+photographs where the shared data are, and views written by deploy/photograph-view.
+
+The comparisons are skipped where OpenCV or SciPy are missing (deploy/install-packages verify)."""
 
 import csv
 import json
 import os
 import subprocess
+import sys
 import unittest
 
 import numpy as np
@@ -13,7 +16,15 @@ import numpy as np
 import harness
 from harness import run
 
+try:
+    import cv2  # noqa: F401
+    import scipy  # noqa: F401
+    MISSING = None
+except ImportError as error:
+    MISSING = f"{error}: deploy/install-packages verify"
+
 SIZE = 256
+PROGRAM = os.path.join(harness.REPOSITORY, "tests", "verify", "photographs.py")
 CONVERTER = os.path.join(harness.REPOSITORY, "deploy", "photograph-view")
 REQUEST = {
     "camera": {"model": "pinhole", "width": SIZE, "height": SIZE, "fx": 300.0, "fy": 300.0, "cx": 127.5, "cy": 127.5},
@@ -35,7 +46,13 @@ def tearDownModule():
 
 def dem(*folders):
     options = [word for folder in folders or (harness.path("dem"),) for word in ("--dem", folder)]
-    return (*options, "--cache-dir", harness.path("cache"), "--log-level", "error")
+    return (*options, "--cache-dir", harness.path("cache"))
+
+
+def compare(*options):
+    """tests/verify/photographs.py, to its end."""
+    return subprocess.run([sys.executable, PROGRAM, *options], capture_output=True, text=True,
+                          timeout=harness.PATIENCE_S * 5)
 
 
 def turned(matrix, x_rad, y_rad):
@@ -51,6 +68,7 @@ def rows_of(folder):
                 {key: float(row[key]) for key in ("low", "high", "value", "wrong_sun")} for row in csv.DictReader(file)}
 
 
+@unittest.skipIf(MISSING, MISSING)
 class Photographs(unittest.TestCase):
     """A "photograph" that the engine made: its view is known, its tone curve and grain are ours."""
 
@@ -80,8 +98,8 @@ class Photographs(unittest.TestCase):
 
     def verify(self, views, *options, name="out"):
         folder = harness.path(name)
-        return folder, run("verify", "photographs", "--images", self.images, "--views",
-                           harness.write("views.json", views), "-o", folder, *options, *dem())
+        return folder, compare("--images", self.images, "--views", harness.write("views.json", views), "-o", folder,
+                               *options, *dem())
 
     def test_the_true_view_is_within_all_bounds_and_a_wrong_sun_within_none(self):
         folder, done = self.verify(self.view(self.true))
@@ -96,6 +114,14 @@ class Photographs(unittest.TestCase):
         self.assertGreater(rows["made", "tone"]["value"], 0.98)
         for panel in ("photograph", "frame", "difference", "shadows"):
             self.assertTrue(os.path.isfile(os.path.join(folder, f"made.{panel}.png")), panel)
+
+    def test_a_shifted_picture_misses_its_bounds(self):
+        image = np.load(os.path.join(self.images, "made.npy"))
+        np.save(os.path.join(self.images, "shifted.npy"), np.roll(image, 1, axis=1))
+        folder, done = self.verify({"made": {**self.view(self.true)["made"], "image": "shifted.npy"}})
+        self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+        self.assertAlmostEqual(rows_of(folder)["made", "ties held out, RMS, px"]["value"], 1, delta=0.1)
+        self.assertIn("beyond its bound: made: ties held out", done.stdout)
 
     def test_the_fit_finds_a_view_that_is_off_by_pixels(self):
         """By 4 pixels to the right and 3 down: turns of 4/300 and 3/300."""
@@ -135,7 +161,7 @@ class Photographs(unittest.TestCase):
         holed[10, 10] = np.nan
         np.save(os.path.join(self.images, "holed.npy"), holed)
         for views, words in (({}, "a view per photograph"), ({"a": {"image": "made.npy"}}, 'needs "image"'),
-                             ({"a": {**view, "images": 1}}, 'unknown member "images"'),
+                             ({"a": {**view, "images": 1}}, "unknown member images"),
                              ({"a": {**view, "free": ["zoom"]}}, '"free" must list'),
                              ({"a": {**view, "request": small}}, "has 200 x 256 pixels, the image 256 x 256"),
                              ({"a": {**view, "request": {**view["request"], "suns": 1}}}, "/suns"),
@@ -144,7 +170,7 @@ class Photographs(unittest.TestCase):
                              ({"a": {**view, "image": "holed.npy"}}, "pixels without a value"),
                              ({"a": {**view, "request": far}}, "a: no terrain in 100 % of the image")):
             _, done = self.verify(views)
-            self.assertEqual(done.returncode, 1, (words, done.stdout))
+            self.assertEqual(done.returncode, 2, (words, done.stdout))
             self.assertIn(words, done.stderr)
 
     def test_real_photographs(self):
@@ -160,8 +186,8 @@ class Photographs(unittest.TestCase):
         with open(os.path.join(harness.REPOSITORY, "engine", "verify", "photographs.json")) as file:
             views = {name: view for name, view in json.load(file).items() if name in ("AS15-M-0414", "AS15-M-1134")}
         folder = harness.path("real")
-        done = run("verify", "photographs", "--images", images, "--views", harness.write("real.json", views), "-o",
-                   folder, "--assets-dir", harness.path("assets"), *dem(hadley))
+        done = compare("--images", images, "--views", harness.write("real.json", views), "-o", folder, "--assets-dir",
+                       harness.path("assets"), *dem(hadley))
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         with open(os.path.join(harness.REPOSITORY, "engine", "verify", "photographs.md")) as file:
             page = file.read()

@@ -270,7 +270,6 @@ TEST(ConfigLimits, NoOptionTakesNan) {
   EXPECT_GT(refuse_nan<FeaturesSettings>(), 3);
   EXPECT_GT(refuse_nan<VerifyRoundTripSettings>(), 4);
   EXPECT_GT(refuse_nan<VerifyAccuracySettings>(), 2);
-  EXPECT_GT(refuse_nan<VerifyMoonSettings>(), 2);
 }
 
 TEST_F(Config, NanIsNoNumberWhereverItComesFrom) {

@@ -12,7 +12,6 @@
 #include "engine/radiometry/sato2014.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/renderer.h"
-#include "engine/verify/moon_disc.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
@@ -26,6 +25,23 @@ Reflectance moon(MoonGround ground = MoonGround::mean) {
   Reflectance r{ReflectanceModel::moon};
   r.ground = ground;
   return r;
+}
+
+// Returns the disc-equivalent reflectance of a smooth sphere, integrated over it (midpoint rule, to 1e-4): photometric
+// longitude from the terminator to the limb, the camera at longitude 0, and latitude.
+double sphere_reflectance(const Brdf& brdf, double phase_deg) {
+  constexpr double kPi = std::numbers::pi;
+  constexpr int kLongitudes = 300, kLatitudes = 100;
+  const double g = phase_deg * kRadians, span = kPi - g;
+  double sum = 0;
+  for (int j = 0; j < kLatitudes; ++j)
+    for (int i = 0; i < kLongitudes; ++i) {
+      const double cosine = std::cos((j + 0.5) / kLatitudes * kPi / 2);
+      const double longitude = g - kPi / 2 + (i + 0.5) / kLongitudes * span;
+      const double mu = cosine * std::cos(longitude), mu0 = cosine * std::cos(longitude - g);
+      sum += brdf.times_mu0(mu0, mu, std::cos(g)) * mu * cosine;
+    }
+  return sum * 2 * (kPi / 2 / kLatitudes) * (span / kLongitudes);
 }
 
 double disc(const Reflectance& reflectance, double wavelength_um, double phase_deg) {

@@ -268,19 +268,22 @@ def main():
     options = parser.parse_args()
     if not options.dem and (options.images or options.center or options.albedo_maps):
         raise Unusable("--images, --center and --albedo-maps need --dem: a DEM of the whole Moon")
+    if options.detail and not options.center:
+        raise Unusable("--detail needs --center")
     options.output.mkdir(parents=True, exist_ok=True)
     write_sphere(pathlib.Path(harness.path("sphere")))
     sphere = TerrainService(options.binary, "--dem", harness.path("sphere"), "--cache-dir", harness.path("cache"))
-    discs, relief, images, controls, spread_px = discs_on_sphere(sphere), [], [], [], 0
+    discs, relief, images, controls, spread_px = [], [], [], [], 0
     if options.dem:
         service = TerrainService(options.binary, *terrain_service.terrain_options(options))
         surface = {"preset": "moon", **({"albedo_maps": options.albedo_maps} if options.albedo_maps else {})}
         if options.center:
             relief = relief_rows(service, sphere, options, surface)
         else:
-            discs += discs_on_terrain(service, surface, options.size_px)
+            discs = discs_on_terrain(service, surface, options.size_px)
         if options.images:
             images, controls, spread_px = moon_images.compare_images(service, sphere, options, surface)
+    discs = discs_on_sphere(sphere) + discs
     for name, rows in (("disc", discs), ("relief", relief), ("images", images)):
         write_csv(options.output / f"{name}.csv", rows)
     page, beyond = page_of(discs, relief, images, spread_px), violations(discs, images, controls)

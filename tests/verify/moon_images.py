@@ -110,9 +110,9 @@ class ImagePair:
         region = np.select([incidence_deg > 70, emission_deg > 60, dark], [3, 2, 0], 1)
         scale = self.observed[disc].sum() / frame[disc].sum()
         left = self.observed - scale * frame
-        row = {"image": self.name, "channel": self.channel, "scale": scale,
-               "correlation": np.corrcoef(self.observed[disc], frame[disc])[0, 1], "limb_px": limb_px(self.observed, frame, smooth["meta"]["request"]),
-               "dx_px": dx_px, "dy_px": dy_px}
+        row = {"image": self.name, "channel": self.channel,
+               "correlation": np.corrcoef(self.observed[disc], frame[disc])[0, 1], "scale": scale,
+               "limb_px": limb_px(self.observed, frame, smooth["meta"]["request"]), "dx_px": dx_px, "dy_px": dy_px}
         for number, name in enumerate(REGIONS):
             pixels = disc & (region == number)
             row[f"residual_{name}"] = np.sqrt(np.mean(left[pixels] ** 2)) / (scale * frame[pixels].mean())
