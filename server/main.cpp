@@ -46,7 +46,6 @@ struct Settings {
   VerifyAccuracySettings verify_accuracy;
   VerifyMoonSettings verify_moon;
   VerifyPhotographsSettings verify_photographs;
-  VerifyGroundSettings verify_ground;
   VerifyMertisSettings verify_mertis;
 };
 
@@ -102,8 +101,6 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(verify, work, "moon", "Compare the Moon's brightness with models and images", s.verify_moon, verify_moon);
   add(verify, work, "photographs", "Compare photographs with frames of the same views", s.verify_photographs,
       verify_photographs);
-  add(verify, work, "ground", "Compare a detail's slopes and craters with published laws", s.verify_ground,
-      verify_ground);
   add(verify, work, "mertis", "Compute flux and SNR of a thermal imaging spectrometer", s.verify_mertis, verify_mertis);
   return work;
 }

@@ -7,7 +7,6 @@
 
 #include "dem/sample/sample_terrain.h"
 #include "engine/frame/rims.h"
-#include "engine/verify/indirect_error.h"
 #include "engine/verify/round_trip.h"
 #include "server/commands/ask.h"
 #include "server/commands/config.h"
@@ -87,14 +86,10 @@ struct VerifyAccuracySettings {
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
   std::string detail;                // name in the assets folder; empty: no scene with detail
   std::vector<std::string> scenes;   // names of the scenes to measure; empty: all
-  std::optional<double> height_m;    // for all scenes but the descents; empty: see the option
+  double height_m = 20e3;            // for all scenes but the descents
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
-  int reference_azimuths = engine::IndirectTruth::kAzimuths;
-  bool indirect = false;         // measure light from terrain instead, under these Suns; empty: the scenes' own
-  std::vector<double> suns_deg;  // elevations
-  double sun_azimuth_deg = 90;
   std::string output;  // folder
 };
 
@@ -117,13 +112,6 @@ struct VerifyPhotographsSettings {
   std::string output;  // folder
 };
 
-struct VerifyGroundSettings {
-  TerrainSettings terrain;
-  std::string detail;  // name in the assets folder
-  int places = 200;    // squares of 40 x 40 baselines, for each baseline
-  std::string output;  // folder
-};
-
 struct VerifyMertisSettings {
   std::string instrument;  // JSON file; empty: MERTIS with the paper's and assumed values
   std::string output;      // folder
@@ -143,7 +131,6 @@ void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
 void add_options(CLI::App& command, VerifyMoonSettings& settings);
 void add_options(CLI::App& command, VerifyPhotographsSettings& settings);
-void add_options(CLI::App& command, VerifyGroundSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
@@ -162,7 +149,6 @@ int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
 int verify_moon(const VerifyMoonSettings& settings);
 int verify_photographs(const VerifyPhotographsSettings& settings);
-int verify_ground(const VerifyGroundSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 
 }  // namespace selenograph::server
