@@ -44,7 +44,6 @@ struct Settings {
   SampleSettings sample;
   VerifyRoundTripSettings verify_round_trip;
   VerifyAccuracySettings verify_accuracy;
-  VerifyGroundSettings verify_ground;
   VerifyMertisSettings verify_mertis;
 };
 
@@ -98,8 +97,6 @@ Work add_commands(CLI::App& app, Settings& s) {
       s.verify_round_trip, verify_round_trip);
   add(verify, work, "accuracy", "Measure speed against error on named scenes or a frame of your own, for every setting",
       s.verify_accuracy, verify_accuracy);
-  add(verify, work, "ground", "Compare a detail's slopes and craters with published laws", s.verify_ground,
-      verify_ground);
   add(verify, work, "mertis", "Compute flux and SNR of a thermal imaging spectrometer", s.verify_mertis, verify_mertis);
   return work;
 }

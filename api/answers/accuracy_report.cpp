@@ -4,7 +4,6 @@
 
 #include <functional>
 
-#include "api/answers/metadata.h"
 #include "api/message/version.h"
 #include "api/requests/frame_json.h"
 
@@ -58,48 +57,7 @@ const std::vector<Column>& columns() {
   return list;
 }
 
-// Returns a row below kMarkdownHead. Triangles become millions, bytes MiB and shares per cent.
-std::string markdown_row(const SweepRow& r) {
-  const engine::ErrorMeasures& e = r.errors;
-  std::string target = fmt::format("{:g}", r.setting.max_error_px);
-  if (r.with_detail) target += fmt::format(", {:g}", r.setting.detail_aim_px());
-  return fmt::format(
-      "| {} | {} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
-      "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
-      visibility_name(r.visibility), target, r.setting.max_shadow_error_px, samples_text(r.setting), r.ratio(),
-      static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
-      e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
-      e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,
-      e.shadow_edge_px.worst, 100 * e.wrong_shadow_flags);
-}
-
-constexpr const char* kMarkdownHead =
-    "| visibility | max_error_px | max_shadow_error_px | samples | time / bare kernel | Mtriangles | MiB | bound px | "
-    "geometric error px: median / 99.9 % / worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge "
-    "px: mean / 99.9 % / worst | wrong shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
-
-// Returns true for the default limits of error, with any number of samples.
-bool has_default_limits(const SweepRow& row) {
-  const engine::Accuracy standard;
-  return row.setting.max_error_px == standard.max_error_px &&
-         row.setting.max_shadow_error_px == standard.max_shadow_error_px;
-}
-
-// Returns a scene's table: the rows with the default limits and with the scene's own setting, then the others, folded.
-std::string markdown_table(const std::vector<SweepRow>& rows, const engine::AccuracyScene& scene) {
-  std::string defaults = kMarkdownHead, others = kMarkdownHead;
-  for (const SweepRow& row : rows) {
-    if (row.scene != scene.name) continue;
-    (has_default_limits(row) || row.setting == scene.own ? defaults : others) += markdown_row(row);
-  }
-  return fmt::format("{}\n<details><summary>other limits of error</summary>\n\n{}\n</details>\n", defaults, others);
-}
-
 }  // namespace
-
-std::string samples_text(const engine::Accuracy& setting) {
-  return fmt::format("{}{}", setting.samples_per_pixel, setting.edge_samples > 1 ? ", edges" : "");
-}
 
 std::string accuracy_csv(const std::vector<SweepRow>& rows) {
   std::string csv = "scene,visibility";
@@ -111,19 +69,6 @@ std::string accuracy_csv(const std::vector<SweepRow>& rows) {
     csv += '\n';
   }
   return csv;
-}
-
-std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vector<engine::AccuracyScene>& scenes,
-                              const std::string& machine) {
-  std::string text = fmt::format(
-      "# Speed against error\n\nMeasured on {}. Time: a warm radiance frame over the bare ray-tracing kernel on the "
-      "finest mesh with one sample per pixel, alternating, medians. Errors: against the finest terrain with many "
-      "samples per pixel; radiance relative to the mean of the sunlit pixels. \"edges\": with `edge_samples` 4. With "
-      "detail, max_error_px is followed by the detail target.\n",
-      machine);
-  for (const engine::AccuracyScene& scene : scenes)
-    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, markdown_table(rows, scene));
-  return text;
 }
 
 OrderedJson accuracy_json(const std::vector<engine::AccuracyScene>& scenes, const std::string& machine) {

@@ -164,7 +164,7 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //              "on_ejecta": 25, "half_life_Ma": 60, "smallest_crater_m": 30, "smallest_fragment_m"},   as in
 //                                                    dem::RockLaw; on_ejecta left out: 5 where 25 would be more than
 //                                                    ten times Haworth's rocks
-//    "published": {"median_slope_deg", "baseline_m", "hurst", "source"},   measured slopes, for `verify ground`
+//    "published": {"median_slope_deg", "baseline_m", "hurst", "source"},   measured slopes, for `unit.ground`
 //    "sources": {"craters": {"measured", "extrapolated"}, ...},   of craters, relief, clods and rocks: texts
 //    "description": "..."}
 // Throws DataError naming the description and the member.

@@ -312,7 +312,6 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
     out.emplace_back(cached, &cached->light());
   }
   if (missing.empty()) return out;
-  posts_made_ += missing.size() * FieldPlane::kTileSide;
   Stopwatch watch;
   const std::shared_ptr<const Patch> source_patch = patch(field, plane, light, rounded_inputs, stop);
   if (times) times->relief_ms += watch.lap_ms();

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -70,8 +69,6 @@ class LightTiles {
                                                     const StopToken& stop, LightTimes* times = nullptr);
   std::size_t bytes() const { return tiles_.bytes() + patches_.bytes() + views_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // bytes for tiles
-  // Returns the number of posts whose light was made so far.
-  std::size_t posts_made() const { return posts_made_; }
 
   // Returns the memory of a tile.
   static std::size_t bytes_of_tile();
@@ -87,7 +84,6 @@ class LightTiles {
   dem::Cache<ContentKey, CachedTile, ContentKeyHash> tiles_;
   dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
   GroundViewStore::Views views_;
-  std::atomic<std::size_t> posts_made_{0};
   std::mutex mutex_;  // guards reliefs_
   // Reliefs of the cached patches.
   std::unordered_map<ContentKey, std::weak_ptr<const Relief>, ContentKeyHash> reliefs_;

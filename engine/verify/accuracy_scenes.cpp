@@ -6,7 +6,6 @@
 #include <numbers>
 
 #include "dem/base/error.h"
-#include "dem/terrain/surface_place.h"
 
 namespace selenograph::engine {
 namespace {
@@ -75,11 +74,6 @@ std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Ge
   for (int i = 0; i < 7; ++i) descent.frames.push_back(station.frame(100e3 * std::pow(10, -0.5 * i), 0, 90, 10));
   scenes.push_back(std::move(descent));
   return scenes;
-}
-
-double height_over_posts_m(const dem::Terrain& terrain, const Geographic& site, int side_px) {
-  const int level = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, site.lat_deg, site.lon_deg));
-  return square_camera(side_px).fx * dem::post_spacing_m(level);
 }
 
 AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,

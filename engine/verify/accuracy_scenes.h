@@ -23,10 +23,6 @@ struct AccuracyScene {
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& site,
                                            const std::optional<Geographic>& polar_place, int side_px, double height_m);
 
-// Returns the height at which a pixel of those frames, looking straight down, is as large as the spacing of the
-// terrain's posts at a place.
-double height_over_posts_m(const dem::Terrain& terrain, const Geographic& site, int side_px);
-
 // Returns the end of the descent, on terrain with detail. `detailed`: Renderer::terrain_with(detail).
 AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,
                               const Geographic& site, int side_px);

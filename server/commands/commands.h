@@ -7,7 +7,6 @@
 
 #include "dem/sample/sample_terrain.h"
 #include "engine/frame/rims.h"
-#include "engine/verify/indirect_error.h"
 #include "engine/verify/round_trip.h"
 #include "server/commands/ask.h"
 #include "server/commands/config.h"
@@ -87,21 +86,10 @@ struct VerifyAccuracySettings {
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
   std::string detail;                // name in the assets folder; empty: no scene with detail
   std::vector<std::string> scenes;   // names of the scenes to measure; empty: all
-  std::optional<double> height_m;    // for all scenes but the descents; empty: see the option
+  double height_m = 20e3;            // for all scenes but the descents
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
-  int reference_azimuths = engine::IndirectTruth::kAzimuths;
-  bool indirect = false;         // measure light from terrain instead, under these Suns; empty: the scenes' own
-  std::vector<double> suns_deg;  // elevations
-  double sun_azimuth_deg = 90;
-  std::string output;  // folder
-};
-
-struct VerifyGroundSettings {
-  TerrainSettings terrain;
-  std::string detail;  // name in the assets folder
-  int places = 200;    // squares of 40 x 40 baselines, for each baseline
   std::string output;  // folder
 };
 
@@ -122,7 +110,6 @@ void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
-void add_options(CLI::App& command, VerifyGroundSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
@@ -139,7 +126,6 @@ int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
-int verify_ground(const VerifyGroundSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 
 }  // namespace selenograph::server

@@ -2,19 +2,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <string_view>
 #include <thread>
 
 #include "api/answers/accuracy_report.h"
 #include "api/assets/assets.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
-#include "engine/verify/closed_forms.h"
-#include "engine/verify/indirect_error.h"
 #include "server/commands/ask.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -93,6 +88,11 @@ std::string machine() {
   return fmt::format("{}, {} cores", name, std::thread::hardware_concurrency());
 }
 
+// Returns the samples of a setting: "4", or "4, edges" with edge samples.
+std::string samples_text(const engine::Accuracy& setting) {
+  return fmt::format("{}{}", setting.samples_per_pixel, setting.edge_samples > 1 ? ", edges" : "");
+}
+
 // Prints the rows with the default targets for shadows and detail, and each scene's own setting.
 void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<engine::AccuracyScene>& scenes) {
   const engine::Accuracy standard;
@@ -105,7 +105,7 @@ void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<
                                      r.setting.max_detail_error_px == standard.max_detail_error_px;
     if (!is_own && !has_default_targets) continue;
     fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>10.1f}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}{}\n", r.scene,
-               api::visibility_name(r.visibility), r.setting.max_error_px, api::samples_text(r.setting), r.frame_ms,
+               api::visibility_name(r.visibility), r.setting.max_error_px, samples_text(r.setting), r.frame_ms,
                r.ratio(), r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms,
                is_own ? "  <- as requested" : "");
   }
@@ -117,36 +117,17 @@ void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<
   }
 }
 
-// Scenes of --indirect besides frames of the terrain.
-constexpr std::string_view kLightScenes[] = {"bowls", "trenches", "site"};
-
-// Returns true for a scene that the options do not exclude.
-bool is_measured(const VerifyAccuracySettings& s, std::string_view scene) {
-  return s.scenes.empty() || std::ranges::find(s.scenes, scene) != s.scenes.end();
-}
-
-// Returns the frames to measure. Throws if one of --scenes needs another option.
+// Returns the scenes to measure. Throws if one of --scenes needs another option.
 std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, const engine::Renderer& renderer,
                                              const SceneCenters& centers) {
-  const double height_m = s.height_m.value_or(
-      s.indirect ? engine::height_over_posts_m(renderer.terrain(), centers.center, s.size_px) : 20e3);
-  auto scenes = engine::accuracy_scenes(renderer.terrain(), centers.center, centers.polar, s.size_px, height_m);
+  auto scenes = engine::accuracy_scenes(renderer.terrain(), centers.center, centers.polar, s.size_px, s.height_m);
   if (const auto detail = detail_of(s))
     scenes.push_back(engine::touchdown_scene(*renderer.terrain_with(detail), detail, centers.center, s.size_px));
-  if (s.indirect)
-    std::erase_if(scenes, [](const auto& scene) { return scene.name != "nadir" && scene.name != "polar"; });
-  std::vector<std::string_view> names;
-  names.reserve(scenes.size());
-  for (const engine::AccuracyScene& scene : scenes) names.push_back(scene.name);
-  if (s.indirect) names.insert(names.end(), std::begin(kLightScenes), std::end(kLightScenes));
   for (const std::string& name : s.scenes)
-    if (std::ranges::find(names, name) == names.end())
-      throw std::runtime_error("--scenes " + name +
-                               (name == "polar"       ? " needs --polar-center"
-                                : s.indirect          ? ": --indirect has other scenes"
-                                : name == "touchdown" ? " needs --detail"
-                                                      : " needs --indirect"));
-  std::erase_if(scenes, [&](const auto& scene) { return !is_measured(s, scene.name); });
+    if (std::ranges::find(scenes, name, &engine::AccuracyScene::name) == scenes.end())
+      throw std::runtime_error("--scenes " + name + (name == "polar" ? " needs --polar-center" : " needs --detail"));
+  if (!s.scenes.empty())
+    std::erase_if(scenes, [&](const auto& scene) { return std::ranges::find(s.scenes, scene.name) == s.scenes.end(); });
   return scenes;
 }
 
@@ -183,131 +164,6 @@ engine::AccuracyScene requested_scene(const VerifyAccuracySettings& s, const eng
   }
 }
 
-// Returns a scene's frame under each of the requested Suns, with the Sun's elevation.
-std::vector<std::pair<double, engine::FrameRequest>> under_suns(const engine::AccuracyScene& scene,
-                                                                const VerifyAccuracySettings& s) {
-  const engine::FrameRequest& request = scene.frames.front();
-  const EastNorthUp axes = local_axes(request.pose.position_m);
-  std::vector<std::pair<double, engine::FrameRequest>> out;
-  for (const double elevation_deg : s.suns_deg) {
-    out.emplace_back(elevation_deg, request);
-    out.back().second.sun.direction = engine::sun_direction(axes, s.sun_azimuth_deg, elevation_deg);
-  }
-  if (out.empty()) out.emplace_back(std::asin(request.sun.direction.dot(axes.up)) * kDegreesPerRadian, request);
-  return out;
-}
-
-// Tables of the error and the cost of light from terrain, printed row by row. Each row has its own renderer, whose
-// light cache is empty.
-class IndirectTables {
- public:
-  explicit IndirectTables(const VerifyAccuracySettings& s) : s_(s) {}
-
-  void add_frames(const TerrainSettings& terrain, const engine::Renderer& renderer,
-                  const std::vector<engine::AccuracyScene>& scenes) {
-    for (const engine::AccuracyScene& scene : scenes)
-      for (const auto& [elevation_deg, request] : under_suns(scene, s_)) {
-        // Ground lit by a low Sun is seen as thin strips: sample low elevations more densely.
-        constexpr double kLow_deg = 8;
-        const engine::IndirectTruth truth(
-            renderer, request, {.strata = elevation_deg < kLow_deg ? 72 : 24, .azimuths = s_.reference_azimuths});
-        for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0})
-          add_row(scene.name, elevation_deg, measure(terrain, truth, spacing_px));
-      }
-  }
-
-  // Adds a ground with a closed form, at the default spacing of posts.
-  void add_closed_form(const engine::ClosedForm& form) {
-    const int width_posts = s_.size_px * 4 / 5;
-    TerrainSettings terrain = s_.terrain;
-    terrain.dem = {(fs::path(s_.output) / (form.name + ".tif")).string()};
-    engine::write_ground(form, width_posts, terrain.dem.front());
-    const auto renderer = make_renderer(terrain);
-    const double height_m = engine::height_over_posts_m(renderer->terrain(), engine::kClosedFormCenter, s_.size_px);
-    engine::FrameRequest request =
-        engine::accuracy_scenes(renderer->terrain(), engine::kClosedFormCenter, {}, s_.size_px, height_m)
-            .front()
-            .frames.front();
-    request.reflectance = {.model = engine::ReflectanceModel::lambert};
-    for (const double elevation_deg : form.suns_deg) {
-      request.sun.direction =
-          engine::sun_direction(local_axes(request.pose.position_m), form.sun_azimuth_deg, elevation_deg);
-      const engine::IndirectTruth truth(*renderer, request, [&](const Vec3& position_m) {
-        return engine::light_w_m2(form, width_posts, position_m, elevation_deg, request.reflectance.rho);
-      });
-      add_row(form.name, elevation_deg, measure(terrain, truth, engine::IndirectLight::kDefaultSpacing_px));
-    }
-  }
-
-  void add_site(const TerrainSettings& terrain, const Geographic& center) {
-    if (!text_.empty()) add("\n");
-    add("| site | Sun | reflectance | posts | KB a post | without ms | first ms | new Sun ms | kept ms |\n"
-        "|---|---|---|---|---|---|---|---|---|\n");
-    const std::vector<double> suns_deg = s_.suns_deg.empty() ? std::vector<double>{5} : s_.suns_deg;
-    for (const double elevation_deg : suns_deg)
-      for (const auto model : {engine::ReflectanceModel::lambert, engine::ReflectanceModel::lommel_seeliger}) {
-        engine::MapRequest request = engine::indirect_site(center);
-        request.scenery.reflectance = {.model = model};
-        request.scenery.sun.direction =
-            engine::sun_direction(local_axes(center.lat_deg, center.lon_deg), s_.sun_azimuth_deg, elevation_deg);
-        const auto row = engine::measure_indirect_map(*make_renderer(terrain), request, s_.repetitions);
-        add(fmt::format("| 2 km | {:.3g} | {} | {} | {:.1f} |{}\n", elevation_deg,
-                        model == engine::ReflectanceModel::lambert ? "Lambert" : "Lommel-Seeliger", row.posts,
-                        row.bytes_per_post / 1e3, times_text(row.times)));
-      }
-  }
-
-  const std::string& text() const { return text_; }
-
- private:
-  engine::IndirectRow measure(const TerrainSettings& terrain, const engine::IndirectTruth& truth,
-                              double spacing_px) const {
-    return engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s_.repetitions);
-  }
-
-  static std::string times_text(const engine::IndirectTimes& t) {
-    return fmt::format(" {:.1f} | {:.0f} | {:.0f} | {:.1f} |", t.without_ms, t.first_ms, t.new_sun_ms, t.kept_ms);
-  }
-
-  void add_row(const std::string& scene, double elevation_deg, const engine::IndirectRow& row) {
-    if (text_.empty())
-      add("| scene | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % | "
-          "without ms | first ms | new Sun ms | kept ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
-    const auto& error = row.error;
-    const std::string shadows = error.shadows > 0
-                                    ? fmt::format("{:.3f} | {:.2f}", error.shadow_ratio, 100 * error.shadow_rms)
-                                    : std::string("- | -");
-    add(fmt::format("| {} | {:.3g} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {} |{}\n", scene, elevation_deg,
-                    row.spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst, shadows,
-                    times_text(row.times)));
-  }
-
-  void add(const std::string& line) {
-    text_ += line;
-    fmt::print("{}", line);
-    std::fflush(stdout);
-  }
-
-  const VerifyAccuracySettings& s_;
-  std::string text_;
-};
-
-// Measures the error of light from terrain against processor time.
-int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
-                    const std::vector<engine::AccuracyScene>& scenes, const Geographic& center) {
-  fs::create_directories(s.output);
-  IndirectTables tables(s);
-  tables.add_frames(terrain, renderer, scenes);
-  if (is_measured(s, "bowls"))
-    for (const engine::ClosedForm& form : engine::bowls()) tables.add_closed_form(form);
-  if (is_measured(s, "trenches"))
-    for (const engine::ClosedForm& form : engine::trenches()) tables.add_closed_form(form);
-  if (is_measured(s, "site")) tables.add_site(terrain, center);
-  write_whole((fs::path(s.output) / "indirect.md").string(), tables.text());
-  fmt::print("{}\n", machine());
-  return 0;
-}
-
 // Measures speed against error in scenes.
 int verify_scenes(const VerifyAccuracySettings& settings, const engine::Renderer& renderer,
                   const std::vector<engine::AccuracyScene>& scenes, engine::SweepOptions options = {}) {
@@ -321,10 +177,9 @@ int verify_scenes(const VerifyAccuracySettings& settings, const engine::Renderer
       });
   const fs::path folder = settings.output;
   write_whole((folder / "accuracy.csv").string(), api::accuracy_csv(rows));
-  write_whole((folder / "accuracy.md").string(), api::accuracy_markdown(rows, scenes, machine()));
   write_json((folder / "accuracy.json").string(), api::accuracy_json(scenes, machine()));
   print_summary(rows, scenes);
-  fmt::print("{0}: accuracy.csv, accuracy.json, accuracy.md; pictures: deploy/plot {0}\n", settings.output);
+  fmt::print("{0}: accuracy.csv, accuracy.json; pictures: deploy/plot {0}\n", settings.output);
   return 0;
 }
 
@@ -340,9 +195,7 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
     return verify_scenes(settings, *renderer, {scene}, {.methods = {scene.frames.front().visibility}});
   }
   const SceneCenters centers = scene_centers(settings, renderer->terrain());
-  const auto scenes = scenes_of(settings, *renderer, centers);
-  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes, centers.center);
-  return verify_scenes(settings, *renderer, scenes);
+  return verify_scenes(settings, *renderer, scenes_of(settings, *renderer, centers));
 }
 
 }  // namespace selenograph::server

@@ -265,14 +265,10 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->type_name("NAME");
   command.add_option("--scenes", s.scenes, "Measure these scenes; default: all")
       ->delimiter(',')
-      ->check(
-          CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown", "bowls", "trenches", "site"}));
-  command
-      .add_option(
-          "--height-m", s.height_m,
-          "Put the camera at this height above ground, except in descents; default: 20000; with --indirect, the "
-          "height where a pixel is as large as a post")
-      ->check(number_in(1.0, 1e9));
+      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
+  command.add_option("--height-m", s.height_m, "Put the camera at this height above ground, except in descents")
+      ->check(number_in(1.0, 1e9))
+      ->capture_default_str();
   command.add_option("--size-px", s.size_px, "Render frames of this side")
       ->check(CLI::Range(32, 4096))
       ->capture_default_str();
@@ -284,37 +280,8 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
                   "Render the reference with this many samples per pixel, a square")
       ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
       ->capture_default_str();
-  CLI::Option* indirect = command.add_flag(
-      "--indirect", s.indirect,
-      "Measure the error of light from terrain instead, in the scenes nadir, polar, bowls and trenches, and "
-      "its cost over a site of 2 km");
-  command
-      .add_option("--sun-deg", s.suns_deg,
-                  "Measure light from terrain under Suns of these elevations; default: 15, in the polar scene 2")
-      ->delimiter(',')
-      ->check(number_in(0.1, 90.0))
-      ->needs(indirect);
-  command
-      .add_option("--reference-azimuths", s.reference_azimuths, "Cast the reference's rays along this many azimuths")
-      ->check(CLI::Range(36, 14400))
-      ->capture_default_str()
-      ->needs(indirect);
-  command.add_option("--sun-azimuth-deg", s.sun_azimuth_deg, "Set the azimuth of these Suns, clockwise from north")
-      ->check(number_in(0.0, 360.0))
-      ->capture_default_str()
-      ->needs(indirect);
-  for (const char* of_scenes :
-       {"--center", "--polar-center", "--detail", "--scenes", "--height-m", "--size-px", "--indirect"})
+  for (const char* of_scenes : {"--center", "--polar-center", "--detail", "--scenes", "--height-m", "--size-px"})
     request->excludes(command.get_option(of_scenes));
-  command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
-  add_options(command, s.terrain);
-}
-
-void add_options(CLI::App& command, VerifyGroundSettings& s) {
-  command.add_option("--detail", s.detail, "Measure this detail of the assets folder")->required()->type_name("NAME");
-  command.add_option("--places", s.places, "Measure this many squares of 40 x 40 baselines for each baseline")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
   command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""What members of a request cost: frames with them over the same frame without, hovering and as a service's first.
+"""What members of a request cost: frames with them over the same frame without, hovering, as a service's first, and
+under a new Sun.
 
     SELENOGRAPH_BINARY=build/selenograph tests/benchmark/members_benchmark.py DEM LAT,LON HEIGHT_M,... MEMBERS...
 
@@ -7,8 +8,9 @@ DEM is a folder of tiles; the camera looks straight down from so high above the 
 as '{"detail": "landing"}' or '{"indirect": {"terrain": true}}'. Frames are 1024 x 1024 pixels of `radiance` as
 octet-stream, 50 degrees wide, Sun at 15 degrees. Hovering, the camera turns by 0.001 degrees a frame, and one service
 is asked for both frames in turn, N times. First frames are those of services that start on a cache folder with the
-tiles' pyramids and without made ground, as often as --starts says. Printed are medians of the client's wall time and of
-the service's processor time and, in brackets, their ratios.
+tiles' pyramids and without made ground, as often as --starts says; each is followed by the same frame with the Sun
+three degrees further around. Printed are medians of the client's wall time and of the service's processor time and, in
+brackets, their ratios.
 """
 
 import argparse
@@ -22,6 +24,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import harness  # noqa: E402
 
 SIDE_PX, FOV_DEG, SUN_DEG = 1024, 50.0, 15.0
+NEW_SUN_AZIMUTH_DEG = 93.0
 ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets")
 WARM_UP = 3
 
@@ -39,12 +42,12 @@ class Place:
     def service(self):
         return Served(harness.Service("--assets-dir", ASSETS, "--log-level", "warning", "--ground-disk-mb", "0", dem=self.dem))
 
-    def body(self, height_m, turn, members):
+    def body(self, height_m, turn, members, sun_azimuth_deg=90.0):
         geodetic = {**self.at, "height_m": self.ground_m + height_m}
         return json.dumps({
             "camera": {"width": SIDE_PX, "height": SIDE_PX, "fov_deg": FOV_DEG}, "products": ["radiance"],
             "pose": {"geodetic": geodetic, "nadir": {"up_azimuth_deg": 30 + 0.001 * turn}},
-            "sun": {"local": {**self.at, "azimuth_deg": 90.0, "elevation_deg": SUN_DEG}}, **members})
+            "sun": {"local": {**self.at, "azimuth_deg": sun_azimuth_deg, "elevation_deg": SUN_DEG}}, **members})
 
 
 class Served:
@@ -96,11 +99,13 @@ def hovering(place, height_m, sets, frames):
 
 
 def first(place, height_m, sets, starts):
+    """The same of first frames, followed by those under a new Sun."""
     times = [[] for _ in sets]
     for _ in range(starts):
         for k, members in enumerate(sets):
             with place.service() as served:
-                times[k].append(served.frame(place.body(height_m, 0, members)))
+                times[k].append([*served.frame(place.body(height_m, 0, members)),
+                                 *served.frame(place.body(height_m, 0, members, NEW_SUN_AZIMUTH_DEG))])
     return medians(times)
 
 
@@ -117,7 +122,7 @@ def main():
     try:
         place = Place(asked.dem, *map(float, asked.place.split(",")))
         sets = [{}, *asked.members]
-        print(f"{'':>7} {'':<34} {'hovering':>18} {'processor':>18} {'first frame':>18} {'processor':>18}")
+        print(f"{'':>7} {'':<34} " + " ".join(f"{name:>18} {'processor':>18}" for name in ("hovering", "first frame", "new Sun")))
         for height_m in map(float, asked.heights.split(",")):
             warm, cold = (measure(place, height_m, sets, times)
                           for measure, times in ((hovering, asked.frames), (first, asked.starts)))

@@ -1,73 +1,93 @@
-// Light from terrain beside rays in every direction, on real ground.
+// Light from terrain beside rays in every direction, on real and sample ground, and beside closed forms. Prints the
+// rows of engine/indirect/README.md.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include "dem/sample/sample_terrain.h"
 #include "engine/renderer.h"
-#include "engine/verify/indirect_error.h"
+#include "tests/support/closed_forms.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/indirect_truth.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 namespace {
+
+using engine::FrameRequest;
+using engine::ReflectanceModel;
+using engine::Renderer;
 
 constexpr int kStrata = 24;  // for a Sun that is not low
 
-IndirectTruth::Error compare(const Renderer& renderer, const FrameRequest& request, double spacing_px,
-                             int strata = kStrata) {
-  const IndirectTruth truth(renderer, request, {strata, test::full_effort() ? IndirectTruth::kAzimuths : 360});
-  FrameRequest with = truth.request();
-  with.indirect.spacing_px = spacing_px;
-  return truth.of(renderer.render(with).products.irradiance);
-}
+class IndirectLight : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    fmt::print(
+        "| ground | Sun | spacing_px | ratio | median % | RMS % | worst % | shadow ratio | shadow RMS % |\n"
+        "|---|---|---|---|---|---|---|---|---|\n");
+  }
 
-FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_elevation_deg,
-                   double sun_azimuth_deg = 90) {
-  FrameRequest request = test::blank_request();
-  request.camera = test::square_camera(216, 43.28);
-  const Vec3 eye = to_cartesian({lat_deg, lon_deg, height_m});
-  request.pose = test::looking(eye, -eye, Vec3::UnitZ());
-  request.sun.direction = sun_direction(local_axes(lat_deg, lon_deg), sun_azimuth_deg, sun_elevation_deg);
-  return request;
-}
+  // Returns the error of the frame's light, with posts of light at a spacing, and prints it.
+  static IndirectTruth::Error measure(const std::string& ground, double sun_deg, const Renderer& renderer,
+                                      const IndirectTruth& truth, double spacing_px) {
+    FrameRequest with = truth.request();
+    with.indirect.spacing_px = spacing_px;
+    const IndirectTruth::Error error = truth.of(renderer.render(with).products.irradiance);
+    fmt::print("| {} | {:g} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.1f} | {:.3f} | {:.2f} |\n", ground, sun_deg,
+               spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst, error.shadow_ratio,
+               100 * error.shadow_rms);
+    return error;
+  }
 
-void say(const IndirectTruth::Error& found, double elevation_deg) {
-  fmt::print("Sun {} degrees high: ratio {:.4f}, in shadow {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n",
-             elevation_deg, found.ratio, found.shadow_ratio, found.median, found.rms, found.worst);
-}
+  static IndirectTruth truth_by_rays(const Renderer& renderer, const FrameRequest& request, int strata = kStrata) {
+    return {renderer, request, {strata, full_effort() ? IndirectTruth::kAzimuths : 360}};
+  }
+
+  static FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_elevation_deg,
+                            double sun_azimuth_deg = 90) {
+    FrameRequest request = blank_request();
+    request.camera = square_camera(216, 43.28);
+    const Vec3 eye = to_cartesian({lat_deg, lon_deg, height_m});
+    request.pose = looking(eye, -eye, Vec3::UnitZ());
+    request.sun.direction = local_sun(lat_deg, lon_deg, sun_azimuth_deg, sun_elevation_deg);
+    return request;
+  }
+};
 
 // Posts of 118 m in pixels of 55 m.
-TEST(IndirectLight, AgreesWithRaysAtHadley) {
-  const std::string folder = test::shared_data("hadley");
+TEST_F(IndirectLight, AgreesWithRaysAtHadley) {
+  const std::string folder = shared_data("hadley");
   SELENOGRAPH_SKIP_WITHOUT(folder);
-  const Renderer renderer(test::open_terrain(folder), RendererOptions{2, std::size_t{512} << 20});
+  const Renderer renderer(open_terrain(folder), engine::RendererOptions{2, std::size_t{512} << 20});
   for (const auto& [elevation_deg, model] : {std::pair(15.0, ReflectanceModel::hapke),
                                              {15.0, ReflectanceModel::lommel_seeliger},
                                              {3.0, ReflectanceModel::lommel_seeliger},
                                              {40.0, ReflectanceModel::lommel_seeliger}}) {
-    if (model != ReflectanceModel::hapke && !test::full_effort()) continue;
+    const bool is_hapke = model == ReflectanceModel::hapke;
+    if (!is_hapke && !full_effort()) continue;
     const bool low = elevation_deg < 5;
     FrameRequest request = above(26.0, 3.8, 15000, elevation_deg);
     request.reflectance.model = model;
     const IndirectTruth::Error found =
-        compare(renderer, request, IndirectLight::kDefaultSpacing_px, low ? 72 : kStrata);
-    say(found, elevation_deg);
+        measure(is_hapke ? "Hadley, Hapke" : "Hadley", elevation_deg, renderer,
+                truth_by_rays(renderer, request, low ? 72 : kStrata), engine::IndirectLight::kDefaultSpacing_px);
     EXPECT_EQ(found.places, 144);
     EXPECT_NEAR(found.ratio, 1, 0.02) << elevation_deg;
     EXPECT_LT(found.rms, low ? 0.06 : 0.03) << elevation_deg;
     // Fewer rays are less sure. Hapke's opposition peak is narrower than azimuths are apart.
-    const double worst = model == ReflectanceModel::hapke ? 0.2 : test::full_effort() ? 0.1 : 0.12;
+    const double worst = is_hapke ? 0.2 : full_effort() ? 0.1 : 0.12;
     EXPECT_LT(found.worst, worst) << elevation_deg;
   }
 }
 
 // Posts of 5 m in pixels of 6 m. Light comes from low in the sky: near the few crests that it grazes, a smooth normal
 // and facets of 5 m differ in what they see of it. At 1.5 degrees it is 5e-5 of sunlight.
-TEST(IndirectLight, AgreesWithRaysNearThePole) {
-  const std::string folder = test::shared_data("real/NPC_final_adj_5mpp_surf_piece_2km_2_1.tif");
+TEST_F(IndirectLight, AgreesWithRaysNearThePole) {
+  const std::string folder = shared_data("real/NPC_final_adj_5mpp_surf_piece_2km_2_1.tif");
   SELENOGRAPH_SKIP_WITHOUT(folder);
-  const Renderer renderer(test::open_terrain(folder), RendererOptions{2, std::size_t{2} << 30});
+  const Renderer renderer(open_terrain(folder), engine::RendererOptions{2, std::size_t{2} << 30});
   struct Case {
     double elevation_deg, spacing_px, ratio, median, rms, worst;
   };
@@ -76,19 +96,21 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
                         {2, 4, 0.2, 0.2, 0.5, 0.8},
                         {5, 0.5, 0.02, 0.03, 0.05, 0.15},
                         {5, 1, 0.04, 0.04, 0.1, 0.3},
-                        {5, 4, 0.08, 0.1, 0.3, 0.6}}) {
+                        {5, 4, 0.08, 0.1, 0.3, 0.6},
+                        {10, 4, 0.08, 0.1, 0.3, 0.6}}) {
     // A lower Sun takes four times as many rays.
-    if ((c.spacing_px != 4 || c.elevation_deg < 3) && !test::full_effort()) continue;
-    const IndirectTruth::Error found = compare(renderer, above(-84.81, 125.95, -1500, c.elevation_deg), c.spacing_px,
-                                               c.elevation_deg < 3 ? 36 : kStrata);
-    say(found, c.elevation_deg);
+    if ((c.spacing_px != 4 || c.elevation_deg != 5) && !full_effort()) continue;
+    const FrameRequest request = above(-84.81, 125.95, -1500, c.elevation_deg);
+    const IndirectTruth::Error found =
+        measure("polar piece", c.elevation_deg, renderer,
+                truth_by_rays(renderer, request, c.elevation_deg < 3 ? 36 : kStrata), c.spacing_px);
     EXPECT_NEAR(found.ratio, 1, c.ratio) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.median, c.median) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.rms, c.rms) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.worst, c.worst) << c.elevation_deg << " " << c.spacing_px;
     if (c.elevation_deg >= 2) {
-      EXPECT_GE(found.shadow_ratio, IndirectLight::shadow_light_at_least(c.elevation_deg).value());
-      if (c.spacing_px == IndirectLight::kDefaultSpacing_px) {
+      EXPECT_GE(found.shadow_ratio, engine::IndirectLight::shadow_light_at_least(c.elevation_deg).value());
+      if (c.spacing_px == engine::IndirectLight::kDefaultSpacing_px) {
         EXPECT_NEAR(found.shadow_ratio, 1, 0.03) << c.elevation_deg;
       }
     }
@@ -96,15 +118,76 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
 }
 
 // A dark hillside that the ground at its upper edge lights, where the data end.
-TEST(IndirectLight, AgreesWithRaysBelowTheBorderOfTheData) {
-  const std::string file = test::shared_data("real/mesh_2km_5mpix.tif");
+TEST_F(IndirectLight, AgreesWithRaysBelowTheBorderOfTheData) {
+  const std::string file = shared_data("real/mesh_2km_5mpix.tif");
   SELENOGRAPH_SKIP_WITHOUT(file);
-  const Renderer renderer(test::open_terrain(file), RendererOptions{2, std::size_t{1} << 30});
+  const Renderer renderer(open_terrain(file), engine::RendererOptions{2, std::size_t{1} << 30});
+  const FrameRequest request = above(-84.1906, 86.5858, -2650, 5, 30);
   const IndirectTruth::Error found =
-      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px);
-  say(found, 5);
+      measure("hillside", 5, renderer, truth_by_rays(renderer, request), engine::IndirectLight::kDefaultSpacing_px);
   EXPECT_NEAR(found.shadow_ratio, 1, 0.03);
 }
 
+// Wider spacings of posts on terrain of 118 m, in pixels of 290 m (full effort: 145).
+TEST_F(IndirectLight, CloserPostsAreNearerToRays) {
+  const TemporaryFolder folder;
+  dem::SampleOptions options;
+  options.south_deg = -1;
+  options.west_deg = 29;
+  options.rows = 2;
+  options.columns = 2;
+  options.posts_per_degree = 256;
+  dem::write_sample_terrain(folder.path(), options);
+  const Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{2, std::size_t{512} << 20});
+  std::vector<double> smallest_rms;  // by Sun
+  for (const double sun_deg : {15.0, 40.0}) {
+    FrameRequest request = above(0.1, 30.1, 10000, sun_deg);
+    request.camera = square_camera(full_effort() ? 64 : 32, 50);
+    const IndirectTruth truth(renderer, request, {kStrata, full_effort() ? IndirectTruth::kAzimuths : 180});
+    std::vector<IndirectTruth::Error> errors;
+    for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0})
+      errors.push_back(measure("sample terrain", sun_deg, renderer, truth, spacing_px));
+    smallest_rms.push_back(errors.front().rms);
+    if (sun_deg > 15) continue;
+    EXPECT_NEAR(errors.front().ratio, 1, 0.04);  // crests of a post
+    EXPECT_LT(errors.front().rms, errors.back().rms);
+    for (const IndirectTruth::Error& error : errors) {
+      EXPECT_NEAR(error.shadow_ratio, 1, 0.3);
+      EXPECT_LT(error.shadow_rms, 0.6);
+    }
+  }
+  EXPECT_NE(smallest_rms[0], smallest_rms[1]);
+}
+
+// Bowls by full effort: unit.indirect has their posts.
+TEST_F(IndirectLight, AgreesWithClosedForms) {
+  const int side_px = full_effort() ? 256 : 128, width_posts = side_px * 4 / 5;
+  std::vector<ClosedForm> forms = trenches();
+  if (full_effort())
+    for (ClosedForm& bowl : bowls()) forms.push_back(std::move(bowl));
+  for (const ClosedForm& form : forms) {
+    const TemporaryFolder folder;
+    write_ground(form, width_posts, folder / "ground.tif");
+    const Renderer renderer(open_terrain(folder / "ground.tif"), engine::RendererOptions{2, std::size_t{512} << 20});
+    FrameRequest request = blank_request();
+    request.camera = square_camera(side_px, 50);
+    const double lat_deg = kClosedFormCenter.lat_deg, lon_deg = kClosedFormCenter.lon_deg;
+    const double ground_m = renderer.terrain().height(lat_deg, lon_deg).height_m;
+    // A pixel at the centre is as large as a post.
+    const Vec3 eye = to_cartesian({lat_deg, lon_deg, ground_m + request.camera.fx * kClosedFormPosts_m});
+    request.pose = looking(eye, -eye, Vec3::UnitZ());
+    request.reflectance = {.model = ReflectanceModel::lambert};
+    for (const double sun_deg : form.suns_deg) {
+      request.sun.direction = local_sun(lat_deg, lon_deg, form.sun_azimuth_deg, sun_deg);
+      const IndirectTruth truth(renderer, request, [&](const Vec3& position_m) {
+        return light_w_m2(form, width_posts, position_m, sun_deg, request.reflectance.rho);
+      });
+      const double ratio =
+          measure(form.name, sun_deg, renderer, truth, engine::IndirectLight::kDefaultSpacing_px).ratio;
+      EXPECT_NEAR(ratio, 1, !form.is_round ? 0.02 : sun_deg > 5 ? 0.05 : 0.2) << form.name << ' ' << sun_deg;
+    }
+  }
+}
+
 }  // namespace
-}  // namespace selenograph::engine
+}  // namespace selenograph::test

@@ -132,15 +132,6 @@ TEST(AccuracyReport, CsvHasAColumnForEachMeasure) {
   EXPECT_TRUE(first.starts_with("nadir,raytrace,0.5,1"));
 }
 
-TEST(AccuracyReport, MarkdownHasARowForEachSetting) {
-  const std::string text = accuracy_markdown(two_rows(), {{"nadir", "straight down", {}}}, "a machine");
-  EXPECT_NE(text.find("## nadir: straight down"), std::string::npos);
-  EXPECT_LT(text.find("| 0.5 | 16 | 1 | 0.50 |"), text.find("<details>")) << "the defaults are open to the reader";
-  EXPECT_GT(text.find("| 0.25 | 16 | 1 | 2.00 |"), text.find("<details>"));
-  EXPECT_NE(text.find("| 0.25 | 16 | 1 | 2.00 |"), std::string::npos);
-  EXPECT_NE(text.find("a machine"), std::string::npos);
-}
-
 TEST(AccuracyReport, JsonSaysWhatTheRowsBelongTo) {
   const nlohmann::ordered_json json = accuracy_json({{"nadir", "straight down", {}}}, "a machine");
   EXPECT_EQ(json["machine"], "a machine");

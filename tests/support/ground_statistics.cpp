@@ -1,4 +1,4 @@
-#include "engine/verify/ground.h"
+#include "tests/support/ground_statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,11 +12,10 @@
 #include "dem/detail/footprints.h"
 #include "dem/grid/lattice.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 namespace {
 
-constexpr int kPostsOfSquare = 40;            // along each side
-constexpr double kShortestPublished_m = 0.5;  // published slopes are not continued to shorter baselines
+constexpr int kPostsOfSquare = 40;  // along each side
 
 // Returns latitude and longitude of the i-th place, within 45 degrees of the equator. An additive recurrence spreads
 // places evenly, and the same on every machine.
@@ -122,13 +121,11 @@ double cover_by(const dem::SizeFrequency& law, double smallest_m, double largest
 
 }  // namespace
 
-std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
+std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, std::span<const double> baselines_m, int places) {
   const SingleLaws laws(preset);
   std::vector<SlopeRow> rows;
   double rms_before = 0;
-  for (const double baseline_m :
-       {0.007, 0.014, 0.028, 0.056, 0.112, 0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
-    if (baseline_m < kShortestPublished_m && !(preset.clods.cover > 0)) continue;
+  for (const double baseline_m : baselines_m) {
     std::vector<Sums> squares(static_cast<std::size_t>(places));
     in_parallel(squares.size(), [&](std::size_t i) {
       squares[i] = sums_of(laws.heights(static_cast<int>(i), baseline_m), baseline_m);
@@ -146,11 +143,10 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places)
     const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
                                       : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
     const auto share = [&](double sum) { return variance > 0 ? sum / variance : 0; };
-    const bool published = preset.published && baseline_m >= kShortestPublished_m;
     rows.push_back({baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
                     share(total.craters), share(total.relief), share(total.clods), share(total.fragments),
                     slope_deg(ranked(total.slopes, total.slopes.size() * 99 / 100)),
-                    published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
+                    preset.published.value().at_deg(baseline_m)});
     rms_before = rms_m;
   }
   return rows;
@@ -216,8 +212,7 @@ std::vector<RockRow> ground_rocks(const dem::DetailPreset& preset) {
   return rows;
 }
 
-std::vector<RoughnessRow> ground_roughness(const dem::DetailPreset& preset, int places) {
-  if (!(preset.clods.cover > 0)) return {};
+RoughnessRow ground_roughness(const dem::DetailPreset& preset, int places) {
   constexpr double kWindow_m = 0.125;
   const SingleLaws laws(preset);
   std::vector<double> about_mean_m(static_cast<std::size_t>(places)), about_plane_m(about_mean_m.size());
@@ -245,11 +240,10 @@ std::vector<RoughnessRow> ground_roughness(const dem::DetailPreset& preset, int 
   const auto percentile = [&](std::size_t percent) {
     return ranked(about_plane_m, (about_plane_m.size() - 1) * percent / 100);
   };
-  return {{kWindow_m, percentile(50), percentile(5), percentile(95), median(about_mean_m)}};
+  return {kWindow_m, percentile(50), percentile(5), percentile(95), median(about_mean_m)};
 }
 
 std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places) {
-  if (preset.albedo_variation == 0) return {};
   constexpr std::size_t kSide = 160;
   constexpr double kBright = 1.3;
   dem::DetailPreset craters = preset;
@@ -281,4 +275,4 @@ std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places
   return rows;
 }
 
-}  // namespace selenograph::engine
+}  // namespace selenograph::test

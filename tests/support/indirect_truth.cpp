@@ -1,25 +1,28 @@
-#include "engine/verify/indirect_error.h"
+#include "tests/support/indirect_truth.h"
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
-#include <limits>
 #include <numbers>
 
 #include "dem/base/quantile.h"
 #include "engine/cache/render_context.h"
-#include "engine/maps/render_map.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
 #include "engine/rays/ray_queries.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 namespace {
+
+using engine::FrameRequest;
+using engine::Ray;
+using engine::RayHit;
+using engine::Renderer;
 
 constexpr int kPointsAlong = 12;
 
-std::vector<RayHit> cast(std::span<const Ray> rays, const Renderer& renderer, const Sun& sun) {
-  return renderer.query({}, {}, [&](const RenderContext& context) { return cast_rays(rays, {}, sun, context); });
+std::vector<RayHit> cast(std::span<const Ray> rays, const Renderer& renderer, const engine::Sun& sun) {
+  return renderer.query(
+      {}, {}, [&](const engine::RenderContext& context) { return engine::cast_rays(rays, {}, sun, context); });
 }
 
 // Replaces positions by the ground there as rays hit it: it may be finer than a frame's ground, and above it.
@@ -80,7 +83,7 @@ void add_azimuth(int azimuth, std::size_t point, const Vec3& position_m, const V
 void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequest& request,
                std::vector<double>& light_w_m2) {
   const std::vector<RayHit> hits = cast(from.rays, renderer, request.sun);
-  const Brdf brdf(request.reflectance, band_of(request));
+  const engine::Brdf brdf(request.reflectance, engine::band_of(request));
   for (std::size_t i = 0; i < hits.size(); ++i) {
     // Ignore hits on the point's own facet: directions above the interpolated normal's plane may be below the facet's.
     if (!hits[i].hit || hits[i].range_m < 2) continue;
@@ -88,7 +91,7 @@ void add_light(const SphereRays& from, const Renderer& renderer, const FrameRequ
     if (!(mu0 > 0 && hits[i].lit > 0)) continue;
     const Vec3 back = -from.rays[i].direction;
     light_w_m2[from.points[i]] +=
-        kSolarConstant_w_m2 * from.weights[i] * hits[i].lit *
+        engine::kSolarConstant_w_m2 * from.weights[i] * hits[i].lit *
         brdf.times_mu0(mu0, std::max(hits[i].normal.dot(back), 0.0), back.dot(request.sun.direction));
   }
 }
@@ -112,35 +115,11 @@ std::vector<double> light_by_rays(const Renderer& renderer, const std::vector<Ve
   return light_w_m2;
 }
 
-// Returns the processor time of work. Unlike elapsed time it does not grow with the machine's other work.
-template <typename Work>
-double ms_of(const Work& work) {
-  const std::clock_t start = std::clock();
-  work();
-  return 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
-}
-
-// Returns the Sun's direction three degrees further around a vertical.
-Vec3 next_sun(const Vec3& direction, const Vec3& up) {
-  constexpr double kStep_deg = 3;
-  return Eigen::AngleAxisd(kStep_deg * kRadiansPerDegree, up) * direction;
-}
-
-// Measures images without light from terrain and such that find it cached, in turn; keeps the shortest times.
-template <typename Without, typename With>
-void measure_cached(int repetitions, const Without& render_without, const With& render_with, IndirectTimes& times) {
-  times.without_ms = times.kept_ms = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repetitions; ++i) {
-    times.without_ms = std::min(times.without_ms, ms_of(render_without));
-    times.kept_ms = std::min(times.kept_ms, ms_of(render_with));
-  }
-}
-
 }  // namespace
 
 IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request) : request_(request) {
-  request_.products = kPosition | kNormal | kLit;
-  const FrameProducts products = renderer.render(request_).products;
+  request_.products = engine::kPosition | engine::kNormal | engine::kLit;
+  const engine::FrameProducts products = renderer.render(request_).products;
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
@@ -155,7 +134,7 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       positions_m_.push_back(position_m);
       normals_.push_back(at(products.normal, pixel));
     }
-  request_.products = kIrradiance;
+  request_.products = engine::kIrradiance;
   request_.indirect.terrain = true;
 }
 
@@ -188,7 +167,7 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
       ++out.shadows;
     }
     differences.push_back(truth > 0 ? std::abs(light / truth - 1) : 0);
-    if (truth > 1e-4 * kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
+    if (truth > 1e-4 * engine::kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
     ++out.places;
   }
   if (out.places == 0 || !(truths > 0)) return out;
@@ -202,60 +181,4 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
   return out;
 }
 
-IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions) {
-  FrameRequest with = truth.request();
-  with.indirect.spacing_px = spacing_px;
-  FrameRequest without = with, moved = with;
-  without.indirect.terrain = false;
-  moved.sun.direction = next_sun(with.sun.direction, with.pose.position_m.normalized());
-  const auto render = [&](const FrameRequest& request) { return [&] { renderer.render(request); }; };
-  IndirectRow row;
-  row.spacing_px = spacing_px;
-  renderer.render(without);
-  row.times.first_ms = ms_of(render(with));
-  row.error = truth.of(renderer.render(with).products.irradiance);
-  row.times.new_sun_ms = ms_of(render(moved));
-  measure_cached(repetitions, render(without), render(with), row.times);
-  return row;
-}
-
-IndirectMapRow measure_indirect_map(const Renderer& renderer, const MapRequest& request, int repetitions) {
-  MapRequest with = request;
-  with.scenery.indirect.terrain = true;
-  MapRequest without = with, moved = with;
-  without.scenery.indirect.terrain = false;
-  moved.scenery.sun.direction = next_sun(with.scenery.sun.direction,
-                                         to_cartesian({with.grid.plane.lat_deg, with.grid.plane.lon_deg}).normalized());
-  const auto render = [&](const MapRequest& map) {
-    return [&] { renderer.query({}, {}, [&](const RenderContext& context) { return render_map(map, context); }); };
-  };
-  IndirectMapRow row;
-  render(without)();
-  row.times.first_ms = ms_of(render(with));
-  renderer.query({}, {}, [&](const RenderContext& context) {
-    const LightTiles& light = context.cache.light_tiles();
-    row.posts = light.posts_made();
-    row.bytes_per_post = static_cast<double>(light.bytes()) / static_cast<double>(row.posts);
-    return 0;
-  });
-  row.times.new_sun_ms = ms_of(render(moved));
-  measure_cached(repetitions, render(without), render(with), row.times);
-  return row;
-}
-
-MapRequest indirect_site(const Geographic& center) {
-  constexpr int kSide_px = 200;
-  constexpr double kPixel_m = 10, kHalf_m = kSide_px * kPixel_m / 2;
-  MapRequest request;
-  request.grid = {
-      .plane = {.projection = dem::MapProjection::orthographic, .lat_deg = center.lat_deg, .lon_deg = center.lon_deg},
-      .west_m = -kHalf_m,
-      .north_m = kHalf_m,
-      .gsd_m = kPixel_m,
-      .width = kSide_px,
-      .height = kSide_px};
-  request.products = kIrradiance;
-  return request;
-}
-
-}  // namespace selenograph::engine
+}  // namespace selenograph::test

@@ -1,11 +1,12 @@
-// Slopes and craters of a detail's ground, compared with the laws that it was made from.
+// Slopes, craters, rocks and albedo of a detail's ground, to be compared with the laws that it was made from.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "dem/detail/detail.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 
 struct SlopeRow {
   double baseline_m;
@@ -13,7 +14,7 @@ struct SlopeRow {
   double hurst;                // exponent of the RMS height difference since the previous row; NaN: first row
   double craters_share, relief_share, clods_share, fragments_share;  // shares of the variance of height differences
   double steepest_deg;                                               // 99th percentile of the slopes
-  double published_deg;  // the preset's published median; NaN if it names none, or below 0.5 m
+  double published_deg;                                              // the preset's published median
 };
 
 struct CraterRow {
@@ -48,14 +49,16 @@ struct AlbedoRow {
 // All measure the detail alone, on a sphere, with all of its octaves. This includes octaves so large that even the
 // coarsest posts (kRootLevel) show them, which detail on terrain never adds (Detail::past_largest_octave; in the
 // presets, wavelengths of 4096 m and more). `places`: squares of 40 x 40 baselines for each row. Octaves below an
-// eighth of a baseline are left out. Baselines from 7 to 112 mm are measured where the preset has clods.
-std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places);
+// eighth of a baseline are left out.
+
+// Baselines rise. Throws std::bad_optional_access for a preset that names no published slopes.
+std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, std::span<const double> baselines_m, int places);
 std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset);
 // Empty for a preset without rocks.
 std::vector<RockRow> ground_rocks(const dem::DetailPreset& preset);
-// In windows of 125 mm, one at each place; empty for a preset without clods.
-std::vector<RoughnessRow> ground_roughness(const dem::DetailPreset& preset, int places);
-// In pixels of 0.25, 1 and 10 m, in squares of 160 x 160 pixels; empty for a preset without albedo_variation.
+// In windows of 125 mm, one at each place.
+RoughnessRow ground_roughness(const dem::DetailPreset& preset, int places);
+// In pixels of 0.25, 1 and 10 m, in squares of 160 x 160 pixels.
 std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places);
 
-}  // namespace selenograph::engine
+}  // namespace selenograph::test

@@ -14,7 +14,7 @@
 
 #include "dem/grid/geodesy.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 
 // Lengths are in widths. A point is `east` and `north` of the centre.
 struct ClosedForm {
@@ -36,8 +36,11 @@ struct ClosedForm {
 std::vector<ClosedForm> bowls();
 std::vector<ClosedForm> trenches();
 
-// The centre of the grounds that write_ground() makes.
+// The centre and the post spacing of the grounds that write_ground() makes. The spacing is that of a level of the
+// terrain's blocks, 1.85 m, so that no post is interpolated.
 inline constexpr Geographic kClosedFormCenter{0, 40, 0};
+inline constexpr double kClosedFormPostsPerDegree = 16384;
+inline constexpr double kClosedFormPosts_m = kMoonRadius_m * kRadiansPerDegree / kClosedFormPostsPerDegree;
 
 // Writes the ground, `width_posts` posts wide, as a GeoTIFF. Throws as dem::write_geotiff().
 void write_ground(const ClosedForm& form, int width_posts, const std::string& path);
@@ -46,4 +49,4 @@ void write_ground(const ClosedForm& form, int width_posts, const std::string& pa
 double light_w_m2(const ClosedForm& form, int width_posts, const Vec3& position_m, double sun_elevation_deg,
                   double albedo);
 
-}  // namespace selenograph::engine
+}  // namespace selenograph::test

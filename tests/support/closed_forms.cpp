@@ -1,4 +1,4 @@
-#include "engine/verify/closed_forms.h"
+#include "tests/support/closed_forms.h"
 
 #include <fmt/format.h>
 
@@ -8,11 +8,8 @@
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/radiometry/photometry.h"
 
-namespace selenograph::engine {
+namespace selenograph::test {
 namespace {
-
-constexpr double kPostsPerDegree = 16384;  // 1.85 m, a level of the terrain's blocks: no post is interpolated
-constexpr double kDegree_m = kMoonRadius_m * kRadiansPerDegree;
 
 ClosedForm bowl(double diameter_over_depth) {
   constexpr double kRadius = 0.5, kInside = 0.95;  // the posts round off the rim
@@ -65,7 +62,7 @@ std::vector<ClosedForm> trenches() { return {trench(15, 40), trench(25, 40), tre
 void write_ground(const ClosedForm& form, int width_posts, const std::string& path) {
   const int half_columns = static_cast<int>(std::ceil(ClosedForm::kHalfEast * width_posts));
   const int half_rows = static_cast<int>(std::ceil(form.half_north * width_posts));
-  constexpr double kStep_deg = 1 / kPostsPerDegree;
+  constexpr double kStep_deg = 1 / kClosedFormPostsPerDegree;
   const dem::GeotiffGrid grid{.north_deg = kClosedFormCenter.lat_deg + half_rows * kStep_deg,
                               .west_deg = kClosedFormCenter.lon_deg - half_columns * kStep_deg,
                               .lat_step_deg = kStep_deg,
@@ -77,8 +74,7 @@ void write_ground(const ClosedForm& form, int width_posts, const std::string& pa
   for (int row = -half_rows; row <= half_rows; ++row)
     for (int column = -half_columns; column <= half_columns; ++column) {
       const double distance = form.is_round ? std::hypot(column, row) : column;
-      heights_m.push_back(
-          static_cast<float>(form.height(distance / width_posts) * width_posts * kStep_deg * kDegree_m));
+      heights_m.push_back(static_cast<float>(form.height(distance / width_posts) * width_posts * kClosedFormPosts_m));
     }
   dem::write_geotiff(path, grid, heights_m, "height");
 }
@@ -86,10 +82,10 @@ void write_ground(const ClosedForm& form, int width_posts, const std::string& pa
 double light_w_m2(const ClosedForm& form, int width_posts, const Vec3& position_m, double sun_elevation_deg,
                   double albedo) {
   const Geographic position = to_geographic(position_m);
-  const double posts = kPostsPerDegree / width_posts;
-  return kSolarConstant_w_m2 * form.light((position.lon_deg - kClosedFormCenter.lon_deg) * posts,
-                                          (position.lat_deg - kClosedFormCenter.lat_deg) * posts, sun_elevation_deg,
-                                          albedo);
+  const double posts = kClosedFormPostsPerDegree / width_posts;
+  return engine::kSolarConstant_w_m2 * form.light((position.lon_deg - kClosedFormCenter.lon_deg) * posts,
+                                                  (position.lat_deg - kClosedFormCenter.lat_deg) * posts,
+                                                  sun_elevation_deg, albedo);
 }
 
-}  // namespace selenograph::engine
+}  // namespace selenograph::test
