@@ -906,7 +906,7 @@ class Package(unittest.TestCase):
         exec("from selenograph import *", starred)
         self.assertEqual(sorted(set(starred) - {"__builtins__"}), [
             "Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Kernels", "Link", "Pose",
-            "Refused", "Scan", "Sun", "Trajectory", "random_views"])
+            "Refused", "Scan", "Sun", "Trajectory", "coco_of", "random_views", "write_coco"])
         for name in ("DEFAULT_URL", "DIRECTIONS", "FRAMES", "INERTIAL", "MEDIA_TYPES", "MOON_RADIUS_M", "MOST_AHEAD",
                      "NEED_SUN", "POINTS_AT_ONCE", "REASONS", "REGION_DEG", "ROWS_AT_ONCE", "Request", "Vector",
                      "__version__", "main"):
