@@ -118,7 +118,7 @@ std::vector<bool> find_large_rocks(const engine::Frame& frame, double min_diamet
   return is_large;
 }
 
-void check_count(std::size_t count) {
+void check_label_count(std::size_t count) {
   constexpr std::size_t kMaxId = std::numeric_limits<std::uint16_t>::max();
   if (count > kMaxId)
     throw RequestError(
@@ -133,7 +133,7 @@ void check_count(std::size_t count) {
 FrameLabels label_frame(const engine::Frame& frame, const engine::Camera& camera, double min_diameter_px) {
   const std::vector<ImagePolygon> polygons = polygons_of(frame.report.craters.rims, camera);
   const std::vector<bool> is_large = find_large_rocks(frame, min_diameter_px);
-  check_count(static_cast<std::size_t>(std::ranges::count_if(polygons, [](const auto& p) { return !p.empty(); }) +
+  check_label_count(static_cast<std::size_t>(std::ranges::count_if(polygons, [](const auto& p) { return !p.empty(); }) +
                                        std::ranges::count(is_large, true)));
   const std::vector<std::uint16_t> no_labels(std::size_t(camera.width) * std::size_t(camera.height), 0);
   FrameLabels labels{.crater_mask = no_labels, .rock_mask = no_labels, .crater_ids = {}, .rocks = {}};

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "api/schema/answers.h"
+#include "engine/frame/camera.h"
 #include "engine/frame/frame.h"
 
 namespace selenograph::api {

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <list>
+#include <optional>
 
 #include "api/answers/labels.h"
 #include "api/answers/metadata.h"
@@ -60,8 +61,8 @@ std::optional<FrameLabels> labels_of(const FrameQuery& query, const engine::Fram
 }
 
 // Returns views of the frame's products and, if there are labels, of their masks.
-std::vector<ArrayView> arrays_of(const FrameQuery& query, const engine::Frame& frame,
-                                 const std::optional<FrameLabels>& labels, Narrowed& narrowed) {
+std::vector<ArrayView> arrays_with_masks(const FrameQuery& query, const engine::Frame& frame,
+                                         const std::optional<FrameLabels>& labels, Narrowed& narrowed) {
   std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   const auto add_mask = [&](std::string_view name, const std::vector<std::uint16_t>& mask) {
     const engine::Camera& camera = query.request.camera;
@@ -229,7 +230,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   const nlohmann::ordered_json meta =
       metadata(query, frame.report, context.renderer.terrain().catalogue(), hash, labels ? &*labels : nullptr);
   Narrowed narrowed;
-  const std::vector<ArrayView> arrays = arrays_of(query, frame, labels, narrowed);
+  const std::vector<ArrayView> arrays = arrays_with_masks(query, frame, labels, narrowed);
   std::string text = metadata_text(meta, query.request.craters.has_value());
   context.stop.check();
   response.body = encode(arrays, representation.format, text, query.compression, context.stop);
@@ -300,7 +301,7 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
                                             camera.hash, camera.labels ? &*camera.labels : nullptr);
     for (const OrderedJson& text : meta["cameras"][camera.name].at("warnings"))
       warnings.push_back(camera.name + ": " + text.get<std::string>());
-    for (ArrayView& array : arrays_of(camera.query, camera.frame, camera.labels, camera.narrowed)) {
+    for (ArrayView& array : arrays_with_masks(camera.query, camera.frame, camera.labels, camera.narrowed)) {
       array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
       arrays.push_back(std::move(array));
     }
