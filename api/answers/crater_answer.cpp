@@ -63,6 +63,9 @@ const Answer<engine::CraterRim>& crater_answer() {
           a.add(column.name.data(), schema::number(kAnyNumber, column.meaning),
                 [value = column.value](const engine::CraterRim& rim) { return value(rim.feature); });
         add_image_members(a);
+        a.describe("mask_id", schema::integer(0, 65535,
+                                              "with `labels`: its pixels' value in `crater_mask`, except where a "
+                                              "smaller crater lies in it; 0: nothing of it is in the image"));
       });
   return answer;
 }

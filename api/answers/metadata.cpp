@@ -187,7 +187,7 @@ void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {
 }
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
-                     const std::string& hash) {
+                     const std::string& hash, const FrameLabels* labels) {
   const double covered_share = sun_covered(query);
   return metadata_answer().write({.request = query.request,
                                   .products = query.request.products,
@@ -197,6 +197,7 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
                                   .resolved = resolved_json(query),
                                   .warnings = warnings_json(query, report, catalogue, covered_share),
                                   .sun_covered = covered_share,
+                                  .labels = labels,
                                   .frame = &query,
                                   .map = nullptr});
 }

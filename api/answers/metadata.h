@@ -38,8 +38,9 @@ void warn_of_band(const engine::FrameRequest& request, nlohmann::ordered_json& w
 void warn_of_relaxed_targets(const engine::Accuracy& requested, const engine::FrameReport& report,
                              nlohmann::ordered_json& warnings);
 
+// `labels`: null for a request without them.
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
-                                const dem::Catalogue& catalogue, const std::string& hash);
+                                const dem::Catalogue& catalogue, const std::string& hash, const FrameLabels* labels);
 
 // Returns the metadata as text: on one line if they have a list of craters, which is long, else indented.
 std::string metadata_text(const nlohmann::ordered_json& metadata, bool with_craters);

@@ -228,15 +228,16 @@ void add_geometry(Answer<MetadataSource>& a) {
 
 void add_craters(Answer<MetadataSource>& a) {
   using namespace schema;
-  // Leave the list out for requests with labels, which have craters and kRock: there coco.json lists the craters.
-  const auto with_craters = [](const MetadataSource& s) {
-    return s.frame && s.request.craters && !(s.request.products & engine::kRock);
-  };
+  const auto with_craters = [](const MetadataSource& s) { return s.frame && s.request.craters; };
   a.add(
       "craters",
-      array(crater_answer().schema(),
-            "craters that the frame shows, the largest first, if requested and without `labels`"),
-      [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
+      array(crater_answer().schema(), "craters that the frame shows, the largest first, if requested or with `labels`"),
+      [](const MetadataSource& s) {
+        OrderedJson craters = crater_answer().write_all(s.report.craters.rims);
+        for (std::size_t i = 0; s.labels && i < craters.size(); ++i) craters[i]["mask_id"] = s.labels->crater_ids[i];
+        return craters;
+      },
+      with_craters);
   a.add(
       "craters_cut_off",
       integer(0, 1'000'000'000, "more in view that are left out: the camera cannot image all of their rim"),
@@ -272,6 +273,10 @@ void add_content(Answer<MetadataSource>& a) {
       },
       [](const MetadataSource& s) { return s.frame && s.report.least_rock_px > 0; });
   add_craters(a);
+  a.add(
+      "labelled_rocks", array(rock_answer().schema(), "with `labels`: the rocks in `rock_mask`, the largest first"),
+      [](const MetadataSource& s) { return rock_answer().write_all(s.labels->rocks); },
+      [](const MetadataSource& s) { return s.labels != nullptr; });
   a.add(
       "maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}},
       [](const MetadataSource& s) { return maps_metadata(s.request, s.scenery.surface); },

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "api/answers/labels.h"
 #include "api/requests/map_json.h"
 #include "api/schema/answers.h"
 #include "engine/frame/report.h"
@@ -21,10 +22,11 @@ struct MetadataSource {
   engine::ProductSet products;
   const SceneryQuery& scenery;  // the part of the query that names assets and the Sun's epoch
   const engine::FrameReport& report;
-  const std::string& hash;  // content hash
-  OrderedJson resolved;     // the resolved request
-  OrderedJson warnings;     // array of texts
-  double sun_covered;       // share of the Sun's disc, 0 to 1
+  const std::string& hash;              // content hash
+  OrderedJson resolved;                 // the resolved request
+  OrderedJson warnings;                 // array of texts
+  double sun_covered;                   // share of the Sun's disc, 0 to 1
+  const FrameLabels* labels = nullptr;  // null: a request without labels
   // Exactly one of these is set.
   const FrameQuery* frame = nullptr;
   const MapQuery* map = nullptr;

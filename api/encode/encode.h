@@ -41,16 +41,10 @@ std::string encode_raw(const ArrayView& array);
 // multiple of 64 bytes.
 std::string encode_npy(const ArrayView& array);
 
-// Options of an .npz.
-struct NpzExtras {
-  std::vector<std::pair<std::string, std::string>> texts{};  // (file name, content) besides the arrays and meta.json
-  bool deflated = false;  // all members, as by numpy.savez_compressed, but at zlib's fastest level
-};
-
-// Returns one .npy per array plus meta.json, in a zip archive. Names must differ. Deflated bytes depend on zlib's
-// version.
+// Returns one .npy per array plus meta.json, in a zip archive. Names must differ. `deflated`: all members are, as by
+// numpy.savez_compressed, but at zlib's fastest level; their bytes depend on zlib's version.
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop = {},
-                       const NpzExtras& extras = {});
+                       bool deflated = false);
 
 // Text metadata as (name, value), e.g. {"selenograph", meta_json}.
 using Attributes = std::vector<std::pair<std::string, std::string>>;

@@ -214,15 +214,14 @@ std::string encode_npy(const ArrayView& array) {
 }
 
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop,
-                       const NpzExtras& extras) {
+                       bool deflated) {
   std::vector<std::string> headers;  // reserved, since fragments point to its elements
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   // Reserve the answer's memory in advance: a growing string would copy it, and hold it twice meanwhile.
   std::size_t expected = meta_json.size() + kMemberBytes;
   for (const ArrayView& array : arrays) expected += array_bytes(array) + kMemberBytes;
-  for (const auto& [name, text] : extras.texts) expected += text.size() + kMemberBytes;
-  if (extras.deflated) expected /= 2;
+  if (deflated) expected /= 2;
   ZipDestination destination(expected, stop);
   Source source(zip_source_function_create(ZipDestination::call, &destination, nullptr));
   if (!source) fail("no memory");
@@ -232,13 +231,9 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     add_member(archive.get(), std::string(arrays[i].name) + ".npy",
                {fragment(headers[i].data(), headers[i].size()), fragment(data_of(arrays[i]), array_bytes(arrays[i]))},
-               extras.deflated);
+               deflated);
   }
-  const auto add_text = [&](const std::string& name, const std::string& text) {
-    add_member(archive.get(), name, {fragment(text.data(), text.size())}, extras.deflated);
-  };
-  add_text("meta.json", meta_json);
-  for (const auto& [name, text] : extras.texts) add_text(name, text);
+  add_member(archive.get(), "meta.json", {fragment(meta_json.data(), meta_json.size())}, deflated);
   // The archive is written only now. Where `stop` made ZipDestination refuse, report that instead of libzip's error.
   if (zip_close(archive.get()) != 0) {
     stop.check();

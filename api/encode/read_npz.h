@@ -1,4 +1,4 @@
-// Reads .npz archives: the arrays of a request, as numpy.savez and numpy.savez_compressed write them, and a text.
+// Reads .npz archives: the arrays of a request, as numpy.savez and numpy.savez_compressed write them.
 #pragma once
 
 #include <cstddef>
@@ -31,12 +31,6 @@ using NpzArrays = std::map<std::string, NpzArray>;
 // array, or "too_large".
 NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes,
                    const std::function<void(std::size_t bytes)>& claim = {}, const StopToken& stop = {});
-
-// Returns the text of the member `name` (with its extension) of an archive within a file, which begins at `offset` and
-// has `bytes` bytes; empty if there is no such member. Nothing else is unpacked. Throws std::runtime_error naming the
-// file.
-std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
-                                       const std::string& name);
 
 // Returns the array in the content of an .npy file; `name` is used in errors.
 NpzArray read_npy(std::string_view bytes, const std::string& name);

@@ -9,8 +9,9 @@
 
 #include <algorithm>
 #include <list>
+#include <optional>
 
-#include "api/answers/coco.h"
+#include "api/answers/labels.h"
 #include "api/answers/metadata.h"
 #include "api/encode/arrays.h"
 #include "api/encode/encode.h"
@@ -53,45 +54,36 @@ StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double en
   return stages;
 }
 
-// Labels of frames as members of an .npz. Owns the masks and names to which the added views point.
-class LabelMembers {
- public:
-  // Adds a frame's masks and annotations; their names begin with `prefix`.
-  void add(const FrameQuery& query, const engine::Frame& frame, const std::string& prefix, const StopToken& stop,
-           std::vector<ArrayView>& arrays, NpzExtras& extras) {
-    if (!query.labels) return;
-    const engine::Camera& camera = query.request.camera;
-    const FrameLabels labels(frame, camera, query.request.craters->least_px);
-    const auto add_mask = [&](const char* name, std::vector<std::uint16_t> mask) {
-      arrays.push_back({names_.emplace_back(prefix + name),
-                        ElementType::uint16,
-                        camera.height,
-                        camera.width,
-                        1,
-                        masks_.emplace_back(std::move(mask)).data(),
-                        {}});
-    };
-    add_mask("crater_mask", labels.crater_mask());
-    add_mask("rock_mask", labels.rock_mask());
-    stop.check();
-    extras.texts.emplace_back(prefix + kCocoMember, json_text(labels.coco(query, "frame.npz")));
-  }
+// Returns the frame's labels, if the request has them.
+std::optional<FrameLabels> labels_of(const FrameQuery& query, const engine::Frame& frame) {
+  if (!query.labels) return std::nullopt;
+  return label_frame(frame, query.request.camera, query.request.craters->least_px);
+}
 
- private:
-  // Lists, whose elements never move: views point to them.
-  std::list<std::string> names_;
-  std::list<std::vector<std::uint16_t>> masks_;
-};
+// Returns views of the frame's products and, if there are labels, of their masks.
+std::vector<ArrayView> arrays_with_masks(const FrameQuery& query, const engine::Frame& frame,
+                                         const std::optional<FrameLabels>& labels, Narrowed& narrowed) {
+  std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
+  const auto add_mask = [&](std::string_view name, const std::vector<std::uint16_t>& mask) {
+    const engine::Camera& camera = query.request.camera;
+    arrays.push_back({name, ElementType::uint16, camera.height, camera.width, 1, mask.data(), {}});
+  };
+  if (labels) {
+    add_mask("crater_mask", labels->crater_mask);
+    add_mask("rock_mask", labels->rock_mask);
+  }
+  return arrays;
+}
 
 // Returns the answer's bytes. Formats that hold one array get one: representation_for() has ensured it.
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
-                   const NpzExtras& extras, const StopToken& stop) {
+                   Compression compression, const StopToken& stop) {
   const Attributes attributes{{"selenograph", meta}};
   switch (format) {
     case Format::npy:
       return encode_npy(arrays.front());
     case Format::npz:
-      return encode_npz(arrays, meta, stop, extras);
+      return encode_npz(arrays, meta, stop, compression == Compression::deflate);
     case Format::png:
       return encode_png(arrays.front(), attributes, stop);
     case Format::tiff:
@@ -234,14 +226,14 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   response.headers.emplace_back("Vary", "Accept");
   // Send no ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  const nlohmann::ordered_json meta = metadata(query, frame.report, context.renderer.terrain().catalogue(), hash);
+  const std::optional<FrameLabels> labels = labels_of(query, frame);
+  const nlohmann::ordered_json meta =
+      metadata(query, frame.report, context.renderer.terrain().catalogue(), hash, labels ? &*labels : nullptr);
   Narrowed narrowed;
-  std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
-  NpzExtras extras{.deflated = query.compression == Compression::deflate};
-  LabelMembers labels;
-  labels.add(query, frame, "", context.stop, arrays, extras);
+  const std::vector<ArrayView> arrays = arrays_with_masks(query, frame, labels, narrowed);
   std::string text = metadata_text(meta, query.request.craters.has_value());
-  response.body = encode(arrays, representation.format, text, extras, context.stop);
+  context.stop.check();
+  response.body = encode(arrays, representation.format, text, query.compression, context.stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
     if (!header.complete) remember(hash, std::move(text), context.long_metadata);
@@ -283,6 +275,7 @@ struct CameraFrame {
   std::string budget;  // its part of the header Selenograph-Budget
   engine::Frame frame{};
   std::string hash{};
+  std::optional<FrameLabels> labels{};
   Narrowed narrowed{};
 };
 
@@ -300,24 +293,23 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
   OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
   std::vector<ArrayView> arrays;
   std::list<std::string> names;  // a list, since the arrays point to its elements
-  NpzExtras extras;
-  LabelMembers labels;
+  bool deflated = false;
   for (CameraFrame& camera : cameras) {
-    meta["cameras"][camera.name] =
-        metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
+    camera.labels = labels_of(camera.query, camera.frame);
+    context.stop.check();
+    meta["cameras"][camera.name] = metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(),
+                                            camera.hash, camera.labels ? &*camera.labels : nullptr);
     for (const OrderedJson& text : meta["cameras"][camera.name].at("warnings"))
       warnings.push_back(camera.name + ": " + text.get<std::string>());
-    const engine::FrameRequest& request = camera.query.request;
-    for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
+    for (ArrayView& array : arrays_with_masks(camera.query, camera.frame, camera.labels, camera.narrowed)) {
       array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
       arrays.push_back(std::move(array));
     }
-    labels.add(camera.query, camera.frame, camera.name + "/", context.stop, arrays, extras);
-    extras.deflated |= camera.query.compression == Compression::deflate;
+    deflated |= camera.query.compression == Compression::deflate;
   }
   const bool has_craters =
       std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters.has_value(); });
-  return encode_npz(arrays, metadata_text(meta, has_craters), context.stop, extras);
+  return encode_npz(arrays, metadata_text(meta, has_craters), context.stop, deflated);
 }
 
 // Answers a request with "cameras". It parses and checks all cameras first, so that a fault of one costs no frame.

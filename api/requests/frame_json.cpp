@@ -322,10 +322,10 @@ void add_rendering(Members<FrameQuery>& m) {
       "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
       "changes no pixel. true: with all defaults; left out or false: no list");
   m.add("labels", &FrameQuery::labels, Flag{},
-        "training labels for the whole image, in an .npz: arrays `crater_mask` and `rock_mask` (uint16: the `id` of an "
-        "annotation, 0 without one; where craters overlap, the smallest) and `coco.json` with the annotations. "
-        "`craters` selects the craters, which are then not in the metadata; rocks are listed if they cover as many "
-        "pixels as a circle of `smallest_px`")
+        "training labels for the whole image, in an .npz: arrays `crater_mask` and `rock_mask` (uint16: a "
+        "`mask_id`, 0 without one; where craters overlap, the smallest). `craters` and `labelled_rocks` of the "
+        "metadata say which crater or rock has it. `craters` selects the craters; rocks are labelled if they cover as "
+        "many pixels as a circle of `smallest_px`")
       .written_if([](const FrameQuery& q) { return q.labels; });
   m.add("truth", nested(&FrameQuery::request, &FrameRequest::truth), Object{truth_members()},
         "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")

@@ -38,7 +38,7 @@ struct FrameQuery : SceneryQuery {
   std::vector<engine::Pose> ahead;  // expected next poses, soonest first; they do not change this frame
   std::string echo;                 // returned in a header: compact ASCII JSON; empty: none
   double icrf_lag_s = 0;            // seconds from the sky's epoch to the poses' epoch in ICRF (icrf_lag_s())
-  bool labels = false;              // masks and annotations are made; then `request` lists craters and rocks
+  bool labels = false;              // masks are made; then `request` has craters and the product kRock
   Compression compression = Compression::none;
 
   engine::FrameRequest& scenery() { return request; }

@@ -13,7 +13,6 @@
 #include "api/message/version.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
-#include "server/campaign/coco_file.h"
 #include "server/campaign/durable_files.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -55,22 +54,6 @@ void print_tally(const CampaignTally& tally, const std::string& folder) {
   if (tally.interrupted) fmt::print("interrupted: run the same command to continue\n");
 }
 
-// Writes the labels of all finished frames, those of earlier runs as well.
-void write_labels(const Manifest& manifest, const CampaignOptions& options, const std::string& made_by) {
-  std::vector<const ManifestLine*> lines;
-  if (options.format == kWebDataset) {
-    for (const TarPlan& tar : tars_of(manifest, options.shard, options.frames_per_tar))
-      lines.insert(lines.end(), tar.lines.begin(), tar.lines.end());
-  } else {
-    lines = lines_of(manifest, options.shard);
-  }
-  const CocoTally tally = write_coco(lines, Record(options.folder, made_by), options.shard, options.folder, stop);
-  fmt::print("{}: {} annotations of {} frames\n", tally.path, tally.annotations, tally.images);
-  if (tally.without_labels > 0)
-    fmt::print("{} frames are left out: their requests have no \"labels\": true, or several cameras\n",
-               tally.without_labels);
-}
-
 // Returns a line that keeps its name in another manifest, where it has another number.
 std::string line_with_name(const Manifest& manifest, const ManifestLine& line) {
   api::Json request = manifest.request(line);
@@ -99,8 +82,6 @@ void write_rerun(const Manifest& manifest, const CheckResult& result, const Batc
 int batch(const BatchSettings& settings) {
   require(settings.manifest, "MANIFEST.jsonl");
   require(settings.output, "--output DIR");
-  if (settings.coco && settings.format != "npz" && settings.format != kWebDataset)
-    throw std::runtime_error("--coco: labels are in .npz files: --format npz or webdataset");
   set_up_log(settings.terrain.log_level);
   CampaignOptions options{.folder = settings.output,
                           .format = settings.format,
@@ -118,7 +99,6 @@ int batch(const BatchSettings& settings) {
   const CampaignTally tally = run_campaign(manifest, service, made_by, options, stop);
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
-  if (settings.coco) write_labels(manifest, options, made_by);
   return tally.bad > 0 ? kBadLines : kAllDone;
 }
 

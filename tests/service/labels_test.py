@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Labels of frames: masks and COCO annotations in an .npz, and a shard's as one document by `selenograph batch --coco`."""
+"""Labels of frames: masks and their numbers in the metadata, and the COCO documents that the Python client makes of them, also
+of a campaign's folder."""
 
-import glob
 import importlib.util
 import io
 import json
+import math
 import os
+import subprocess
 import sys
 import tarfile
 import types
@@ -17,12 +19,23 @@ import numpy as np
 import harness
 from harness import frame_request, run, sample
 
-TRAINING = os.path.join(harness.REPOSITORY, "api", "clients", "python", "training", "frames.py")
+CLIENT = os.path.join(harness.REPOSITORY, "api", "clients", "python")
+sys.path.insert(0, CLIENT)
+from selenograph import Answer, Frame, coco_of  # noqa: E402
+
+TRAINING = os.path.join(CLIENT, "training", "frames.py")
 LAT, LON = 0.1, 30.1
-ROCKY = {"seed": 9, "craters": {"smallest_m": 1, "largest_m": 100}, "rocks": {
-    "smallest_m": 0.25, "largest_m": 6, "frequency": [{"per_m2": 0.004, "exponent": 2.6607}]}}
-BARE = {"seed": 9, "craters": {"smallest_m": 1, "largest_m": 100}}
+METRES_PER_DEGREE = 1737400.0 * math.pi / 180
+PRESETS = {
+    "rocky": {"seed": 9, "craters": {"smallest_m": 1, "largest_m": 100}, "rocks": {
+        "smallest_m": 0.25, "largest_m": 6, "frequency": [{"per_m2": 0.004, "exponent": 2.6607}]}},
+    "bare": {"seed": 9, "craters": {"smallest_m": 1, "largest_m": 100}},
+    # On ground without relief.
+    "large": {"seed": 5, "craters": {"smallest_m": 16, "largest_m": 256},
+              "relief": {"hurst": 0.9, "deviation_m": 1e-9, "baseline_m": 10, "shortest_m": 8, "longest_m": 16}},
+}
 MASKS = ("crater_mask", "rock_mask")
+CRATER, ROCK = 1, 2
 DEM = ""
 
 
@@ -31,7 +44,7 @@ def setUpModule():
     harness.set_up()
     DEM = sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
     os.makedirs(harness.path("assets", "details"))
-    for name, preset in (("rocky", ROCKY), ("bare", BARE)):
+    for name, preset in PRESETS.items():
         harness.write(os.path.join("assets", "details", name + ".json"), preset)
 
 
@@ -46,6 +59,10 @@ def members(body):
 
 def array(content):
     return np.load(io.BytesIO(content))
+
+
+def as_frame(body):
+    return Frame(Answer(body, "application/x-npz", {}, None, None, None))
 
 
 def polygon_mask(flat, width, height):
@@ -81,43 +98,108 @@ class Labels(harness.WithService):
         return {name: value for name, value in request.items() if value is not None}
 
     def frame(self, request, media_type="*/*"):
-        return members(self.ok(self.service.frame(request, media_type), "application/x-npz"))
+        return members(self.body(request, media_type))
 
-    def check(self, found, prefix=""):
-        """Masks against the annotations; the document."""
-        coco = json.loads(found[prefix + "coco.json"])
-        (image,) = coco["images"]
-        width, height = image["width"], image["height"]
-        masks = {name: array(found[f"{prefix}{name}.npy"]) for name in MASKS}
+    def body(self, request, media_type="*/*"):
+        return self.ok(self.service.frame(request, media_type), "application/x-npz")
+
+    def check(self, request, camera=""):
+        """The annotations against the masks, the metadata and the format."""
+        frame = as_frame(self.body(request))
+        coco = coco_of(frame, camera=camera)
+        self.assertEqual(set(coco), {"info", "licenses", "images", "categories", "annotations"})
+        prefix, meta = (f"{camera}/", frame.meta["cameras"][camera]) if camera else ("", frame.meta)
+        masks = {name: frame[prefix + name] for name in MASKS}
+        height, width = masks["rock_mask"].shape
+        self.assertEqual(coco["images"], [{"id": 1, "width": width, "height": height, "file_name": "frame.npz"}])
+        self.assertEqual(coco["info"]["request"], meta["request"])
         expected = {name: np.zeros((height, width), np.uint16) for name in MASKS}
-        kinds = {category["id"]: category["name"] for category in coco["categories"]}
         for annotation in coco["annotations"]:
-            if kinds[annotation["category_id"]] == "rock":
-                expected["rock_mask"][rock_mask(annotation)] = annotation["id"]
+            self.assertEqual((annotation["image_id"], annotation["iscrowd"]), (1, 0))
+            if annotation["category_id"] == ROCK:
+                mask = rock_mask(annotation)
+                y, x = np.nonzero(mask)
+                self.assertEqual(annotation["bbox"], [x.min(), y.min(), x.max() + 1 - x.min(), y.max() + 1 - y.min()])
+                self.assertEqual(annotation["area"], mask.sum())
+                expected["rock_mask"][mask] = annotation["id"]
             else:
                 (flat,) = annotation["segmentation"]
                 expected["crater_mask"][polygon_mask(flat, width, height)] = annotation["id"]
-        for name in MASKS:
-            self.assertEqual(masks[name].dtype, np.uint16)
-            np.testing.assert_array_equal(masks[name], expected[name])
-        return coco, masks
+                x, y = np.reshape(flat, (-1, 2)).T
+                self.assertTrue(0 <= min(x) and max(x) <= width and 0 <= min(y) and max(y) <= height)
+                np.testing.assert_allclose(annotation["bbox"], [x.min(), y.min(), np.ptp(x), np.ptp(y)], rtol=0, atol=2e-3)
+                area = abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+                self.assertTrue(area > 0 and abs(annotation["area"] - area) < 1e-2)
+        self.assertEqual({mask.dtype for mask in masks.values()}, {np.dtype(np.uint16)})
+        np.testing.assert_array_equal(masks["rock_mask"], expected["rock_mask"])
+        # Rims in the metadata are rounded to 0.001 px: where they are clipped, a pixel may fall on the other side.
+        self.assertLess(np.count_nonzero(masks["crater_mask"] != expected["crater_mask"]), 3)
+        # One annotation for each label, with its crater or rock.
+        self.assertEqual([a["id"] for a in coco["annotations"]], list(range(1, len(coco["annotations"]) + 1)))
+        listed = {c["mask_id"]: c["id"] for c in meta["craters"] + meta["labelled_rocks"] if c["mask_id"]}
+        self.assertEqual({a["id"]: a.get("crater_id", a.get("rock_id")) for a in coco["annotations"]}, listed)
+        return coco, masks, frame
 
     def test_masks_are_the_annotations(self):
-        found = self.frame(self.request())
-        coco, masks = self.check(found)
-        counts = [sum(a["category_id"] == k for a in coco["annotations"]) for k in (1, 2)]
+        coco, masks, frame = self.check(self.request())
+        counts = [sum(a["category_id"] == k for a in coco["annotations"]) for k in (CRATER, ROCK)]
         self.assertGreater(min(counts), 10, counts)
         # Rocks of fewer pixels than the least are rocks without a label.
-        seen = array(found["detail.npy"]) == 3
+        seen = frame["detail"] == 3
         self.assertTrue((masks["rock_mask"] > 0)[~seen].sum() == 0 and 0.3 * seen.sum() < (masks["rock_mask"] > 0).sum())
-        # They are what the command lists, and the metadata need not repeat them.
-        frame = harness.write("frame.json", self.request(labels=None, craters=None))
-        done = run("features", "--frame", frame, "--coco", harness.path("coco.json"), "--least-px", "3", "--dem", DEM,
-                   "--assets-dir", harness.path("assets"), "--cache-dir", harness.path("cache"))
-        self.assertEqual(done.returncode, 0, done.stderr)
-        with open(harness.path("coco.json")) as file:
-            self.assertEqual(json.load(file)["annotations"], coco["annotations"])
-        self.assertNotIn("craters", json.loads(found["meta.json"]))
+        # Craters are those of the list without labels, which has no numbers.
+        plain = as_frame(self.body(self.request(labels=None), "application/x-npz"))
+        self.assertNotIn("labelled_rocks", plain.meta)
+        self.assertEqual([{k: v for k, v in c.items() if k != "mask_id"} for c in frame.meta["craters"]], plain.meta["craters"])
+        self.assertEqual(frame.meta["craters_cut_off"], plain.meta["craters_cut_off"])
+
+    def test_small_rocks_are_all_that_is_seen(self):
+        coco, masks, frame = self.check(self.request(craters={"smallest_px": 1}))
+        np.testing.assert_array_equal(masks["rock_mask"] > 0, frame["detail"] == 3)
+        rocks = [a for a in coco["annotations"] if a["category_id"] == ROCK]
+        half_deg = 90 / METRES_PER_DEGREE
+        region = {"south_deg": LAT - half_deg, "north_deg": LAT + half_deg, "west_deg": LON - half_deg, "east_deg": LON + half_deg}
+        answer = self.service.post("/v1/features", {"detail": "rocky", "region": region, "kind": "rocks"})[2]
+        listed = {rock["id"]: rock for rock in json.loads(answer)["rocks"]}
+        for a in rocks:
+            for name in ("lat_deg", "lon_deg", "height_m", "diameter_m", "age_Ma"):
+                self.assertAlmostEqual(a[name], listed[a["rock_id"]][name], delta=1e-9 * max(1, abs(a[name])))
+        larger = [a for a in self.check(self.request(craters={"smallest_px": 4}))[0]["annotations"] if a["category_id"] == ROCK]
+        self.assertEqual([a["rock_id"] for a in larger], [a["rock_id"] for a in rocks if 4 * a["area"] >= math.pi * 4**2])
+
+    def test_none(self):
+        coco, masks, _ = self.check(self.request(detail="bare", craters={"smallest_px": 5000}))
+        self.assertEqual(coco["annotations"], [])
+        self.assertEqual([mask.max() for mask in masks.values()], [0, 0])
+
+    def test_boxes_hold_the_ground_within_the_rim(self):
+        """The pixels whose ground lies within the listed diameter fill the box, above and at a slant."""
+        height_m = self.ground_m + 4000
+        above = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": height_m}, "nadir": {"up_azimuth_deg": 30.0}}
+        slant = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": height_m - 2500},
+                 "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
+        camera = {"width": 320, "height": 240, "fov_deg": 40.0,
+                  "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.02, "p1": 0.001}}
+        fisheye = {"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0}
+        low = {**above, "geodetic": {**above["geodetic"], "height_m": height_m - 3200}}
+        rolling = {"shutter": {"line_time_s": 0.001, "velocity_m_s": [0, 0, 1500]}}
+        for pose, lens, more in ((above, camera, {}), (slant, camera, {}), (low, fisheye, {}), (above, camera, rolling)):
+            coco, _, frame = self.check(self.request(pose=pose, camera=lens, detail="large", products=["geodetic"],
+                                                     craters={"smallest_px": 5}, **more))
+            lat, lon = np.moveaxis(frame["geodetic"][..., :2], -1, 0)
+            checked = 0
+            for a in coco["annotations"]:
+                left, top, width, height = a["bbox"]
+                whole = left > 0 and top > 0 and left + width < lens["width"] and top + height < lens["height"]
+                if not whole or a["rim_visible"] < 1:
+                    continue
+                away_deg = np.hypot(lat - a["lat_deg"], (lon - a["lon_deg"]) * math.cos(math.radians(a["lat_deg"])))
+                y, x = np.nonzero(away_deg * METRES_PER_DEGREE <= a["diameter_m"] / 2)
+                seen = [x.min(), y.min(), x.max() + 1, y.max() + 1]
+                self.assertLess(np.abs(np.subtract(seen, [left, top, left + width, top + height])).max(), 1.5, a)
+                self.assertLess(abs(a["area"] - len(x)), 0.5 * (width + height) + 2, a)
+                checked += 1
+            self.assertGreater(checked, 5)
 
     def test_they_change_no_product_and_are_of_all_pixels(self):
         plain = self.frame(self.request(labels=None, craters=None), "application/x-npz")
@@ -130,8 +212,8 @@ class Labels(harness.WithService):
             self.assertEqual(thinned[name], labelled[name])
         sensor = {"optics": {"f_number": 5.6, "point_spread": {"model": "gaussian", "sigma_px": 1.5}},
                   "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.002, "quantum_efficiency": 0.4, "gain_e_dn": 3.4}}
-        self.check(self.frame(self.request(sensor=sensor, band={"center_um": 0.6, "width_um": 0.1})))
-        coco, masks = self.check(self.frame(self.request(detail="bare")))
+        self.check(self.request(sensor=sensor, band={"center_um": 0.6, "width_um": 0.1}))
+        coco, masks, _ = self.check(self.request(detail="bare"))
         self.assertEqual(masks["rock_mask"].max(), 0)
         self.assertGreater(len(coco["annotations"]), 10)
 
@@ -155,15 +237,15 @@ class Labels(harness.WithService):
             self.assertEqual((item["image"].shape, item["image"].dtype, item["image"].max()), ((1, 120, 160), np.float32, 1))
 
     def test_other_cameras(self):
-        self.check(self.frame(self.request(camera={"model": "fisheye", "width": 96, "height": 96, "fov_deg": 120.0})))
-        self.check(self.frame(self.request(shutter={"line_time_s": 0.001, "velocity_m_s": [0, 0, 50]})))
+        self.check(self.request(camera={"model": "fisheye", "width": 96, "height": 96, "fov_deg": 120.0}))
+        self.check(self.request(shutter={"line_time_s": 0.001, "velocity_m_s": [0, 0, 50]}))
         request = self.request()
         camera = request.pop("camera")
         both = {**request, "cameras": {"near": {"camera": camera}, "plain": {"camera": camera, "labels": False}}}
-        found = self.frame(both)
-        self.check(found, "near/")
-        self.assertNotIn("plain/coco.json", found)
-        self.assertEqual(found["near/crater_mask.npy"], self.frame(self.request())["crater_mask.npy"])
+        coco, _, frame = self.check(both, "near")
+        self.assertEqual(coco, coco_of(as_frame(self.body(self.request()))))
+        self.assertNotIn("plain/rock_mask", frame)
+        self.assertNotIn("craters", frame.meta["cameras"]["plain"])
 
     def test_compression(self):
         stored, packed = (self.ok(self.service.frame(self.request(**more), "*/*"), "application/x-npz")
@@ -172,7 +254,7 @@ class Labels(harness.WithService):
         before, after = members(stored), members(packed)
         self.assertEqual(list(before), list(after))
         for name in before:
-            if name != "meta.json" and name != "coco.json":
+            if name != "meta.json":
                 self.assertEqual(before[name], after[name])
         again = self.ok(self.service.frame(self.request(compression="deflate"), "*/*"), "application/x-npz")
         self.assertEqual(again, packed)
@@ -192,7 +274,7 @@ class Labels(harness.WithService):
                 ("/compression", "*/*", {"compression": "zstd"})):
             self.problem(self.service.frame(self.request(**changes), media_type), 422, pointer)
 
-    def test_a_document_of_a_shard(self):
+    def test_a_document_of_a_campaign(self):
         requests = [{**self.request(east_m=30.0 * i, compression="deflate" if i % 2 else None, products=["image"]),
                      "name": f"view-{i}"} for i in range(7)]
         requests[3].pop("labels")
@@ -200,47 +282,36 @@ class Labels(harness.WithService):
         manifest = harness.path("labels.jsonl")
         with open(manifest, "w") as file:
             file.writelines(json.dumps(request) + "\n" for request in requests)
-        expected = {}
-        for number, request in enumerate(requests, 1):
-            if number not in (4, 6):
-                expected[number] = json.loads(self.frame({k: v for k, v in request.items() if k != "name"})["coco.json"])
-        texts = {}
+        expected = {number: coco_of(as_frame(self.body({k: v for k, v in request.items() if k != "name"})))
+                    for number, request in enumerate(requests, 1) if number not in (4, 6)}
         for form, options in (("npz", ()), ("webdataset", ("--frames-per-tar", "3"))):
-            folder = harness.path("labels-" + form)
-            listed, ids = {}, []
-            for shard in ("0/2", "1/2"):
-                for again in range(2):  # a second time nothing is rendered
-                    done = run("batch", manifest, "-o", folder, "--format", form, *options, "--shard", shard, "--coco", "--dem", DEM,
-                               "--assets-dir", harness.path("assets"), "--cache-dir", harness.path("cache"))
-                    self.assertIn(done.returncode, (0, 2), done.stderr)
-                    path = os.path.join(folder, f"coco-0000{shard[0]}-of-00002.json")
-                    with open(path) as file:
-                        text = file.read()
-                    self.assertEqual(texts.setdefault(path, text), text)
-                document = json.loads(text)
-                ids += [a["id"] for a in document["annotations"]]
-                for image in document["images"]:
-                    mine = [a for a in document["annotations"] if a["image_id"] == image["id"]]
-                    self.assertEqual([a["id"] for a in mine], [65536 * image["id"] + a["mask_id"] for a in mine])
-                    own = [{**a, "id": a["mask_id"], "image_id": 1} for a in mine]
-                    for annotation in own:
-                        del annotation["mask_id"]
-                    self.assertEqual(own, expected[image["id"]]["annotations"])
-                    self.assertEqual(image["file_name"], f"view-{image['id'] - 1}.npz")
-                    listed[image["id"]] = image
+            document = {"images": [], "annotations": []}
+            for shard in ("0", "1"):
+                folder, path = harness.path(f"labels-{form}-{shard}"), harness.path("coco.json")
+                done = run("batch", manifest, "-o", folder, "--format", form, *options, "--shard", f"{shard}/2", "--dem", DEM,
+                           "--assets-dir", harness.path("assets"), "--cache-dir", harness.path("cache"))
+                self.assertIn(done.returncode, (0, 2), done.stderr)
+                done = subprocess.run([sys.executable, "-m", "selenograph", "coco", folder, "-o", path, "--manifest", manifest],
+                                      env={**os.environ, "PYTHONPATH": CLIENT}, capture_output=True, text=True)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                with open(path) as file:
+                    part = json.load(file)
+                self.assertEqual(part["categories"], expected[1]["categories"])
+                for members_of_all, members_of_part in ((document[name], part[name]) for name in document):
+                    members_of_all += members_of_part
+                for image in part["images"]:
                     if form == "webdataset":
                         with tarfile.open(os.path.join(folder, image["tar"])) as tar:
                             self.assertIn(image["file_name"], tar.getnames())
-                self.assertEqual(document["categories"], expected[1]["categories"])
-            self.assertEqual(set(listed), set(expected))
-            self.assertEqual(len(ids), len(set(ids)))
-            self.assertEqual(glob.glob(os.path.join(folder, "*.part")), [])
-            verified = run("batch", "verify", manifest, "-o", folder)
-            self.assertEqual(verified.returncode, 2, verified.stdout)  # the bad line alone
-            self.assertIn("6 frames done, 0 not done, 1 bad lines", verified.stdout)
-        refused = run("batch", manifest, "-o", harness.path("png"), "--format", "png", "--coco", "--dem", DEM)
-        self.assertIn("--coco", refused.stderr)
-        self.assertFalse(os.path.exists(harness.path("png")))
+            # Together the shards have each labelled frame, by its line, and no id twice.
+            self.assertEqual({image["id"]: image["file_name"] for image in document["images"]},
+                             {number: f"view-{number - 1}.npz" for number in expected})
+            self.assertEqual(len(document["images"]), len(expected))
+            self.assertEqual(len({a["id"] for a in document["annotations"]}), len(document["annotations"]))
+            for number, alone in expected.items():
+                mine = [a for a in document["annotations"] if a["image_id"] == number]
+                self.assertEqual(mine, [{**a, "id": 65536 * number + a["id"], "image_id": number, "mask_id": a["id"]}
+                                        for a in alone["annotations"]])
 
 
 if __name__ == "__main__":

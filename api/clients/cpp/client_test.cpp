@@ -493,18 +493,6 @@ TEST(Client, DeflateIsRefusedBeforeItIsAsked) {
   EXPECT_EQ(request_count, 0);
 }
 
-TEST(Client, KeepsLabels) {
-  Fake fake([](const httplib::Request&, httplib::Response& response) {
-    response.set_content(zip({{"coco.json", R"({"images": [1]})"}, {"left/coco.json", "{}"}, {"meta.json", "[]"}}),
-                         "application/x-npz");
-  });
-  const Frame frame = Client(fake.url()).frame({{"labels", true}});
-  EXPECT_EQ(frame.labels.at("coco"), Json::parse(R"({"images": [1]})"));
-  EXPECT_EQ(frame.labels.count("left/coco"), 1u);
-  EXPECT_EQ(frame.labels.size(), 2u);
-  EXPECT_EQ(frame.meta, Json::array());
-}
-
 TEST(Client, FailureEndsTheSequence) {
   Fake fake([](const httplib::Request& request, httplib::Response& response) {
     if (Json::parse(request.body)["n"] == 2) response.status = 400;

@@ -366,7 +366,6 @@ inline std::string region(const Json& request) {
 class Frame {
  public:
   std::map<std::string, Array> products;
-  std::map<std::string, Json> labels;       // annotations of a request with labels: "coco"; with cameras "NAME/coco"
   Json meta;                                // the resolved request, DEM tiles, error bounds, ... (meta.json)
   std::map<std::string, double> timing_ms;  // stages of the service's work, from Server-Timing
   std::string etag;                         // the header ETag, with its quotes; empty where there was none
@@ -725,13 +724,11 @@ class Client {
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {
       const std::size_t dot = std::min(name.rfind('.'), name.size());
-      const std::string stem = name.substr(0, dot), extension = name.substr(dot);
-      if (extension == ".json") {
-        Json& document = name == "meta.json" ? frame.meta : frame.labels[stem];
-        document = Json::parse(bytes, nullptr, false);
-        if (document.is_discarded()) detail::bad(name + " is no JSON");
-      } else if (extension == ".npy") {
-        frame.products[stem] = detail::read_npy(bytes);
+      if (name == "meta.json") {
+        frame.meta = Json::parse(bytes, nullptr, false);
+        if (frame.meta.is_discarded()) detail::bad(name + " is no JSON");
+      } else if (name.substr(dot) == ".npy") {
+        frame.products[name.substr(0, dot)] = detail::read_npy(bytes);
       }
     }
     frame.timing_ms = detail::read_timing(answer.header("Server-Timing"));

@@ -24,7 +24,6 @@ import sys
 import threading
 import unittest
 import warnings
-import zipfile
 from unittest import mock
 
 import numpy as np
@@ -191,15 +190,16 @@ class Frames(WithClient):
         low = request_at(0, ["image"], detail="landing", labels=True,
                          pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=ground_m + 200))
         frame = self.client.frame(low)
-        with zipfile.ZipFile(io.BytesIO(self.client.encoded(low, "application/x-npz").content)) as archive:
-            self.assertEqual(frame.labels, {"coco": json.loads(archive.read("coco.json"))})
-        numbers = {annotation["id"] for annotation in frame.labels["coco"]["annotations"]}
+        document = selenograph.coco_of(frame, "low.png")
+        self.assertEqual(document["images"], [{"id": 1, "width": 64, "height": 48, "file_name": "low.png"}])
+        numbers = {annotation["id"] for annotation in document["annotations"]}
         seen = set(np.union1d(frame["crater_mask"], frame["rock_mask"]).tolist()) - {0}
         self.assertTrue(seen and seen <= numbers, seen - numbers)
         both = self.client.frame({**low, "cameras": {"left": {}, "plain": {"labels": False}}})
-        self.assertEqual(list(both.labels), ["left/coco"])
-        self.assertEqual(both.labels["left/coco"]["annotations"], frame.labels["coco"]["annotations"])
-        self.assertEqual(self.client.frame(request_at(0)).labels, {})
+        self.assertEqual(selenograph.coco_of(both, camera="left")["annotations"], document["annotations"])
+        for unlabelled, camera in ((both, "plain"), (self.client.frame(request_at(0)), "")):
+            with self.assertRaisesRegex(KeyError, "rock_mask"):
+                selenograph.coco_of(unlabelled, camera=camera)
 
     def test_a_loop_is_warned_once(self):
         """Texts are constant: Python's own filter shows the same trouble of many frames once."""
@@ -906,7 +906,7 @@ class Package(unittest.TestCase):
         exec("from selenograph import *", starred)
         self.assertEqual(sorted(set(starred) - {"__builtins__"}), [
             "Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Kernels", "Link", "Pose",
-            "Refused", "Scan", "Sun", "Trajectory", "random_views"])
+            "Refused", "Scan", "Sun", "Trajectory", "coco_of", "random_views", "write_coco"])
         for name in ("DEFAULT_URL", "DIRECTIONS", "FRAMES", "INERTIAL", "MEDIA_TYPES", "MOON_RADIUS_M", "MOST_AHEAD",
                      "NEED_SUN", "POINTS_AT_ONCE", "REASONS", "REGION_DEG", "ROWS_AT_ONCE", "Request", "Vector",
                      "__version__", "main"):

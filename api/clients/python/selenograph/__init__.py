@@ -21,12 +21,14 @@ This folder is the whole client: it can be copied beside a script. It needs Pyth
     python3 -m selenograph render request.json frame.npz
     python3 -m selenograph watch trajectory.csv --out frames
     python3 -m selenograph manifest trajectory.csv -o trajectory.jsonl
+    python3 -m selenograph coco frames -o coco.json
 """
 
 from .answers import Answer, Frame, Scan
 from .async_client import AsyncClient
 from .camera import Camera
 from .client import Client
+from .coco import coco_of, write_coco
 from .errors import FrameWarning, Refused
 from .kernels import Kernels
 from .link import Arrival, Link
@@ -49,4 +51,4 @@ from .rotations import DIRECTIONS, Vector  # noqa: F401
 from .trajectory import NEED_SUN  # noqa: F401
 
 __all__ = ["Answer", "Arrival", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Kernels", "Link", "Pose",
-           "Refused", "Scan", "Sun", "Trajectory", "random_views"]
+           "Refused", "Scan", "Sun", "Trajectory", "coco_of", "random_views", "write_coco"]

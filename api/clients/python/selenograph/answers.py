@@ -34,15 +34,12 @@ class Frame(Mapping[str, np.ndarray]):
     echo      the request's "echo", from the header Selenograph-Echo; None without
     warnings  texts of the metadata's warnings, empty for a frame that is in order; with several cameras each text
               begins with its camera's name
-    labels    annotations of a request with "labels": "coco", the document that explains the numbers in crater_mask and
-              rock_mask; with several cameras NAME/coco
     """
 
     @reading_answer()
     def __init__(self, answer: Answer) -> None:
         self._arrays, texts = read_npz(answer.content)
-        self.meta: Dict[str, Any] = texts.pop("meta", {})
-        self.labels: Dict[str, Any] = texts
+        self.meta: Dict[str, Any] = texts.get("meta", {})
         self.timing = answer.timing
         self.etag = answer.etag
         self.echo = answer.echo

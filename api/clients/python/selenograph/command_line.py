@@ -1,4 +1,4 @@
-"""The command line: render, watch and manifest."""
+"""The command line: render, watch, manifest and coco."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .answers import Answer, Frame
 from .calls import warnings_of
 from .camera import Camera
 from .client import Client
+from .coco import write_coco
 from .errors import Refused
 from .frame_order import answers_in_order
 from .kernels import Kernels
@@ -58,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_render(commands, common)
     _add_watch(commands, common)
     _add_manifest(commands)
+    _add_coco(commands)
     return parser
 
 
@@ -84,6 +86,15 @@ def _add_manifest(commands: Any) -> None:
     _add_trajectory(manifest)
     manifest.add_argument("-o", "--output", default="-", help="JSON Lines file to write (default: standard output)")
     manifest.set_defaults(run=_manifest, format="npz")
+
+
+def _add_coco(commands: Any) -> None:
+    coco = commands.add_parser("coco", help="Write the labels of a campaign's frames as a COCO document")
+    coco.add_argument("folder", metavar="DIR", help="folder of `selenograph batch`: NAME.npz, or in tars")
+    coco.add_argument("-o", "--output", required=True, metavar="FILE", help="JSON file to write")
+    coco.add_argument("--manifest", metavar="FILE", help="the campaign's manifest: an image's id is its line number "
+                      "there (default: images are counted)")
+    coco.set_defaults(run=_coco)
 
 
 def _add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -138,6 +149,14 @@ def _manifest(options: argparse.Namespace) -> None:
         return
     with open(options.output, "w", encoding="utf-8") as file:
         file.write(lines)
+
+
+def _coco(options: argparse.Namespace) -> None:
+    tally = write_coco(options.folder, options.output, options.manifest)
+    print(f"{options.output}: {tally.annotations} annotations of {tally.images} frames", flush=True)
+    if tally.left_out:
+        print(f"{tally.left_out} frames are left out: their requests have no \"labels\": true, or several cameras"
+              + (", or they are not in the manifest" if options.manifest else ""), flush=True)
 
 
 def _read_times(options: argparse.Namespace) -> Tuple[Trajectory, np.ndarray]:
