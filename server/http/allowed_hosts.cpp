@@ -2,7 +2,6 @@
 
 #include <arpa/inet.h>
 
-#include <algorithm>
 #include <array>
 #include <regex>
 
@@ -13,18 +12,15 @@ namespace {
 
 constexpr std::size_t kMaxHostBytes = 300;  // of names 253; bounds the recursion of std::regex
 
-// Returns a numeric address in the system's notation, IPv4 in IPv6 as IPv4; empty if the text is not an address.
+// Returns a numeric address in the system's notation; empty if the text is not an address.
 std::string canonical_address(const std::string& text) {
   std::array<unsigned char, sizeof(in6_addr)> bytes{};
   std::array<char, INET6_ADDRSTRLEN> out{};
-  if (::inet_pton(AF_INET, text.c_str(), bytes.data()) == 1)
-    return ::inet_ntop(AF_INET, bytes.data(), out.data(), out.size());
-  if (::inet_pton(AF_INET6, text.c_str(), bytes.data()) != 1) return {};
-  // The IPv4 address is the last four of the sixteen bytes: ::ffff:a.b.c.d.
-  constexpr std::array<unsigned char, 12> kMapped{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
-  const bool is_mapped = std::equal(kMapped.begin(), kMapped.end(), bytes.begin());
-  return is_mapped ? ::inet_ntop(AF_INET, bytes.data() + kMapped.size(), out.data(), out.size())
-                   : ::inet_ntop(AF_INET6, bytes.data(), out.data(), out.size());
+  for (const int family : {AF_INET, AF_INET6}) {
+    if (::inet_pton(family, text.c_str(), bytes.data()) == 1)
+      return ::inet_ntop(family, bytes.data(), out.data(), out.size());
+  }
+  return {};
 }
 
 // Returns a text that is equal for equal hosts: lower case, no brackets, no final dot, canonical addresses.

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <random>
@@ -11,12 +10,6 @@
 
 namespace selenograph::server {
 namespace {
-
-std::string_view without_ipv4_mapping(std::string_view address) {
-  constexpr std::string_view kMapped = "::ffff:";  // prefix of an IPv4 client of an IPv6 socket
-  const bool is_mapped = address.starts_with(kMapped) && address.find('.') != std::string_view::npos;
-  return is_mapped ? address.substr(kMapped.size()) : address;
-}
 
 // Returns the header's value if it is a plain name, which is safe in a header and in a log, and there is only one.
 std::string plain_name(const Headers& headers, const std::string& header) {
@@ -42,14 +35,6 @@ std::string request_id_of(const Headers& headers) {
 
 std::string token_of(const Headers& headers) { return plain_name(headers, "selenograph-token"); }
 
-bool is_loopback(std::string_view address) {
-  return without_ipv4_mapping(address).starts_with("127.") || address == "::1";
-}
-
-bool is_trusted_proxy(std::string_view address, const std::vector<std::string>& proxies) {
-  return is_loopback(address) || std::ranges::any_of(proxies, [&](const std::string& proxy) {
-           return without_ipv4_mapping(proxy) == without_ipv4_mapping(address);
-         });
-}
+bool is_loopback(std::string_view address) { return address.starts_with("127.") || address == "::1"; }
 
 }  // namespace selenograph::server

@@ -5,7 +5,6 @@
 #include <map>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "api/message/message.h"
 
@@ -38,8 +37,7 @@ std::string request_id_of(const Headers& headers);
 // or if it is not a plain name. Call it only for requests from a trusted proxy: any client can send the header.
 std::string token_of(const Headers& headers);
 
-// Classify numeric addresses; loopback is always a trusted proxy.
+// Returns true for a numeric address of this machine alone.
 bool is_loopback(std::string_view address);
-bool is_trusted_proxy(std::string_view address, const std::vector<std::string>& proxies);
 
 }  // namespace selenograph::server

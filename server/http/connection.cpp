@@ -24,7 +24,10 @@ std::string address_of(int fd, decltype(::getpeername)* get_end) {
   std::array<char, NI_MAXHOST> text{};
   if (get_end(fd, end, &size) != 0) return {};
   if (::getnameinfo(end, size, text.data(), text.size(), nullptr, 0, NI_NUMERICHOST) != 0) return {};
-  return text.data();
+  const std::string_view address = text.data();
+  constexpr std::string_view kMapped = "::ffff:";  // prefix of an IPv4 address at an IPv6 socket
+  const bool is_mapped = address.starts_with(kMapped) && address.find('.') != std::string_view::npos;
+  return std::string(is_mapped ? address.substr(kMapped.size()) : address);
 }
 
 }  // namespace

@@ -293,7 +293,8 @@ void HttpServer::take_head(Exchange& exchange, httplib::Request& request) const 
   if (!has_control(request.target)) record.target = request.target;
   record.path = record.target.substr(0, record.target.find('?'));  // answer() sets the decoded path
   record.request_id = request_id_of(headers);
-  if (is_trusted_proxy(record.host, options_.trusted_proxies)) record.token = token_of(headers);
+  if (is_loopback(record.host) || std::ranges::count(options_.trusted_proxies, record.host) > 0)
+    record.token = token_of(headers);
   exchange.refusal = refusal_of(exchange, request);
   // The body of a method other than POST is never read, and must not be taken for the next request.
   const bool has_body = headers.contains("transfer-encoding") || length_of(headers) > 0;

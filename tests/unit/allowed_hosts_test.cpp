@@ -23,7 +23,7 @@ TEST(AllowedHosts, LoopbackHasItsNames) {
   const AllowedHosts hosts("127.0.0.1", {});
   for (const char* host :
        {"localhost", "localhost:8080", "LocalHost", "localhost.", "localhost.:8080", "127.0.0.1", "127.0.0.1:1",
-        "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]", "[::ffff:127.0.0.1]"})
+        "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]"})
     EXPECT_EQ(of_host(hosts, host), "") << host;
   for (const char* host : {"evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example",
                            "xlocalhost", "127.0.0.2", "0.0.0.0", "[::]", "[::2]", "2130706433", "127.1", "0x7f.0.0.1",
@@ -59,7 +59,6 @@ TEST(AllowedHosts, RejectsInvalidAuthorities) {
 TEST(AllowedHosts, LocalAddressOfTheConnectionIsAllowed) {
   const AllowedHosts everywhere("0.0.0.0", {});
   EXPECT_EQ(of_host(everywhere, "10.1.2.3:8080", "10.1.2.3"), "");
-  EXPECT_EQ(of_host(everywhere, "10.1.2.3", "::ffff:10.1.2.3"), "") << "IPv4 at an IPv6 socket";
   EXPECT_EQ(of_host(everywhere, "[FD00:0::1]", "fd00::1"), "");
   EXPECT_EQ(of_host(everywhere, "10.1.2.4", "10.1.2.3"), "misdirected_request");
   EXPECT_EQ(of_host(everywhere, "evil.example", "10.1.2.3"), "misdirected_request") << "a name may mean any address";
