@@ -72,12 +72,10 @@ void finish(Front& front, api::Admission& admission, HttpServer& server, const d
   front.begin_shutdown();
   admission.close();
   spdlog::info("shutdown began: {} requests in work, {} waiting", admission.in_work(), admission.waiting());
-  const bool is_idle = admission.wait_until_idle(cut);
-  server.stop();
-  if (is_idle && server.wait_until_done(cut)) return;
+  admission.wait_until_idle(cut);
+  if (server.stop(cut)) return;
   spdlog::warn("cut {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
                admission.waiting());
-  server.cut();
   terrain.stop_building();
 }
 

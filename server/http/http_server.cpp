@@ -194,21 +194,14 @@ void HttpServer::run() {
   }
 }
 
-void HttpServer::stop() {
+bool HttpServer::stop(Clock::time_point deadline) {
   stopping_ = true;
   ::shutdown(svr_sock_, SHUT_RDWR);  // accept() fails from now on, even if it has not been called yet
-  const std::lock_guard lock(mutex_);
-  end_idle();
-}
-
-void HttpServer::cut() {
-  const std::lock_guard lock(mutex_);
-  for (Connection* connection : open_) connection->cut();
-}
-
-bool HttpServer::wait_until_done(Clock::time_point deadline) {
   std::unique_lock lock(mutex_);
-  return changed_.wait_until(lock, deadline, [this] { return open_.empty(); });
+  end_idle();
+  if (changed_.wait_until(lock, deadline, [this] { return open_.empty(); })) return true;
+  for (Connection* connection : open_) connection->cut();
+  return false;
 }
 
 int HttpServer::connections() const {

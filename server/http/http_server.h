@@ -51,14 +51,11 @@ class HttpServer : private httplib::Server {
   int connections() const;
   std::string url() const;  // "http://127.0.0.1:8080"
 
-  // Accepts connections until stop(), and returns when all answers have been sent.
+  // Accepts connections until stop(), and returns when all have ended.
   void run();
-  // The following may be called from any thread.
-  void stop();
-  // Call it after stop(). Returns true once all answers have been sent, and false at the deadline.
-  bool wait_until_done(Clock::time_point deadline);
-  // Ends all connections, which cancels their requests.
-  void cut();
+  // Returns true once all answers have been sent. At the deadline it ends the rest of the connections, which cancels
+  // their requests, and returns false. May be called from any thread.
+  bool stop(Clock::time_point deadline);
 
  private:
   struct Exchange;

@@ -33,7 +33,7 @@ api::Response echo(const api::Request& request) {
 class HttpServerTest : public ::testing::Test {
  protected:
   ~HttpServerTest() override {
-    server_.stop();
+    server_.stop(Clock::now() + std::chrono::minutes(1));
     running_.join();
   }
 
