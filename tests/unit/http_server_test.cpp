@@ -43,7 +43,7 @@ class HttpServerTest : public ::testing::Test {
             .max_connections = 4,
             .max_body_bytes = 1000,
             .idle_time = std::chrono::seconds(60),
-            .receive_time = std::chrono::seconds(60),
+            .receive_time = std::chrono::seconds(3),
             .answer_time = std::chrono::milliseconds(1000),
             .retry_after_s = [] { return 7; },
             .reserved_paths = {"/probe"}};
@@ -109,6 +109,10 @@ TEST_F(HttpServerTest, BodiesAreBoundedWhileTheyAreReceived) {
   EXPECT_EQ(statuses(post + "Transfer-Encoding: chunked\r\n\r\nffffff\r\n" + std::string(5000, 'x')),
             (std::vector{413}));
   EXPECT_EQ(statuses(post + "Transfer-Encoding: chunked\r\n\r\n" + std::string(200000, '0')), (std::vector{400}));
+}
+
+TEST_F(HttpServerTest, ALateBodyIsRefused) {
+  EXPECT_EQ(statuses("POST /a HTTP/1.1\r\n" + kHost + "Content-Length: 10\r\n\r\n{"), (std::vector{408}));
 }
 
 TEST_F(HttpServerTest, HeadsAreBounded) {
