@@ -61,7 +61,7 @@ int features(const FeaturesSettings& settings) {
   const auto renderer = make_renderer(settings.terrain);
   OutputFile file;
   const api::Response answer = api::answer_or_problem({}, [&] {
-    file = list_region(api::parse_json(region, limits.max_json_depth), settings, *renderer, assets, limits);
+    file = list_region(api::parse_json(region), settings, *renderer, assets, limits);
     return api::Response{};
   });
   if (answer.status != 200) {
