@@ -6,21 +6,23 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace selenograph::server {
 
-// A tar is a sequence of members, each of header, content and padding, and tar_end().
-inline constexpr std::uint64_t kTarHeaderBytes = 512;
+// Both throw std::runtime_error if libarchive fails.
 std::string tar_member(const std::string& name, std::string_view content);
 std::string tar_end();
 
-// Calls `each` for the members of a tar in order, and returns the SHA-256 of the file. Throws std::runtime_error
-// naming the file when it cannot be read or is not a complete tar.
-std::string read_tar(
-    const std::string& path,
-    const std::function<void(const std::string& name, std::uint64_t bytes, const std::string& sha256)>& each);
+struct TarMember {
+  std::string name;
+  std::uint64_t offset = 0, bytes = 0;  // of the content in the tar
+};
+
+// Lists a tar's members without reading their content. Throws std::runtime_error naming the file when it cannot be read
+// or is not a complete tar of such members.
+std::vector<TarMember> list_tar(const std::string& path);
 
 }  // namespace selenograph::server

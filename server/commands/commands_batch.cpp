@@ -8,13 +8,10 @@
 #include <stdexcept>
 #include <thread>
 
-#include "api/answers/metadata.h"
 #include "api/message/json_text.h"
-#include "api/message/version.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
-#include "server/campaign/coco_file.h"
-#include "server/campaign/durable_files.h"
+#include "server/campaign/frame_file.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/start.h"
@@ -49,26 +46,12 @@ void print_tally(const CampaignTally& tally, const std::string& folder) {
     fmt::print("{} of the frames have pixels that look at the Moon outside the data: black, NaN or 65535 there\n",
                tally.incomplete);
   for (const auto& [text, frames] : tally.warnings) fmt::print("warning, of {} frames: {}\n", frames, text);
-  if (tally.bad > 0) fmt::print("{} lines can never become a frame: see the journal\n", tally.bad);
+  if (tally.bad > 0) fmt::print("{} lines can never become a frame: batch verify lists them\n", tally.bad);
   if (tally.failed > 0)
-    fmt::print("{} lines failed temporarily: see the journal, and run the same command again\n", tally.failed);
+    fmt::print("{} lines failed temporarily: see the warnings, and run the same command again\n", tally.failed);
+  if (tally.left_out > 0)
+    fmt::print("{} frames of tars with a line that failed are left to the next run\n", tally.left_out);
   if (tally.interrupted) fmt::print("interrupted: run the same command to continue\n");
-}
-
-// Writes the labels of all finished frames, those of earlier runs as well.
-void write_labels(const Manifest& manifest, const CampaignOptions& options, const std::string& made_by) {
-  std::vector<const ManifestLine*> lines;
-  if (options.format == kWebDataset) {
-    for (const TarPlan& tar : tars_of(manifest, options.shard, options.frames_per_tar))
-      lines.insert(lines.end(), tar.lines.begin(), tar.lines.end());
-  } else {
-    lines = lines_of(manifest, options.shard);
-  }
-  const CocoTally tally = write_coco(lines, Record(options.folder, made_by), options.shard, options.folder, stop);
-  fmt::print("{}: {} annotations of {} frames\n", tally.path, tally.annotations, tally.images);
-  if (tally.without_labels > 0)
-    fmt::print("{} frames are left out: their requests have no \"labels\": true, or several cameras\n",
-               tally.without_labels);
 }
 
 // Returns a line that keeps its name in another manifest, where it has another number.
@@ -78,20 +61,17 @@ std::string line_with_name(const Manifest& manifest, const ManifestLine& line) {
   return api::json_line(request);
 }
 
-// Renames a damaged file, so that `batch` can write the frame in its place.
-void put_aside(const std::string& folder, const std::string& file) {
-  const std::string path = (fs::path(folder) / file).string();
-  if (fs::exists(path)) rename_on_disk(path, path + ".damaged");
-}
-
-// Writes the manifest of the lines to run again, and renames their damaged files.
+// Writes the manifest of the lines to run again, and renames damaged files, so that `batch` can write others in their
+// place.
 void write_rerun(const Manifest& manifest, const CheckResult& result, const BatchVerifySettings& settings) {
   std::string text;
   for (const LineNotDone& finding : result.not_done)
     if (!finding.is_bad) text += line_with_name(manifest, *finding.line);
   write_whole(settings.rerun, text);
-  for (const LineNotDone& finding : result.not_done)
-    if (!finding.file.empty()) put_aside(settings.output, finding.file);
+  for (const auto& [file, why] : result.damaged) {
+    const std::string path = in_folder(settings.output, file);
+    fs::rename(path, path + ".damaged");
+  }
 }
 
 }  // namespace
@@ -99,8 +79,6 @@ void write_rerun(const Manifest& manifest, const CheckResult& result, const Batc
 int batch(const BatchSettings& settings) {
   require(settings.manifest, "MANIFEST.jsonl");
   require(settings.output, "--output DIR");
-  if (settings.coco && settings.format != "npz" && settings.format != kWebDataset)
-    throw std::runtime_error("--coco: labels are in .npz files: --format npz or webdataset");
   set_up_log(settings.terrain.log_level);
   CampaignOptions options{.folder = settings.output,
                           .format = settings.format,
@@ -113,12 +91,9 @@ int batch(const BatchSettings& settings) {
   const Manifest manifest(settings.manifest, settings.limits.max_json_depth);
   const auto renderer = make_renderer(settings.terrain);
   const api::Service service(renderer, settings.limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
-  const std::string made_by =
-      fmt::format("{} {:016x}", api::software_version(), renderer->terrain().catalogue().fingerprint());
-  const CampaignTally tally = run_campaign(manifest, service, made_by, options, stop);
+  const CampaignTally tally = run_campaign(manifest, service, options, stop);
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
-  if (settings.coco) write_labels(manifest, options, made_by);
   return tally.bad > 0 ? kBadLines : kAllDone;
 }
 
@@ -126,6 +101,7 @@ int batch_verify(const BatchVerifySettings& settings) {
   set_up_log("info");
   const Manifest manifest(settings.manifest, api::Limits().max_json_depth);
   const CheckResult result = check_campaign(manifest, settings.output);
+  for (const auto& [file, why] : result.damaged) fmt::print(stderr, "damaged: {}\n", why);
   std::size_t bad = 0;
   for (const LineNotDone& finding : result.not_done) {
     fmt::print(stderr, "{}: line {} ({}): {}\n", finding.is_bad ? "bad" : "not done", finding.line->number,

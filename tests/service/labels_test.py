@@ -1,13 +1,11 @@
 #!/usr/bin/env python3
-"""Labels of frames: masks and COCO annotations in an .npz, and a shard's as one document by `selenograph batch --coco`."""
+"""Labels of frames: masks and COCO annotations in an .npz."""
 
-import glob
 import importlib.util
 import io
 import json
 import os
 import sys
-import tarfile
 import types
 import unittest.mock
 import zipfile
@@ -191,56 +189,6 @@ class Labels(harness.WithService):
                 ("/compression", "image/png", {"labels": False, "craters": None, "products": ["image"], "compression": "deflate"}),
                 ("/compression", "*/*", {"compression": "zstd"})):
             self.problem(self.service.frame(self.request(**changes), media_type), 422, pointer)
-
-    def test_a_document_of_a_shard(self):
-        requests = [{**self.request(east_m=30.0 * i, compression="deflate" if i % 2 else None, products=["image"]),
-                     "name": f"view-{i}"} for i in range(7)]
-        requests[3].pop("labels")
-        requests[5]["camera"] = {"width": -1}  # never a frame
-        manifest = harness.path("labels.jsonl")
-        with open(manifest, "w") as file:
-            file.writelines(json.dumps(request) + "\n" for request in requests)
-        expected = {}
-        for number, request in enumerate(requests, 1):
-            if number not in (4, 6):
-                expected[number] = json.loads(self.frame({k: v for k, v in request.items() if k != "name"})["coco.json"])
-        texts = {}
-        for form, options in (("npz", ()), ("webdataset", ("--frames-per-tar", "3"))):
-            folder = harness.path("labels-" + form)
-            listed, ids = {}, []
-            for shard in ("0/2", "1/2"):
-                for again in range(2):  # a second time nothing is rendered
-                    done = run("batch", manifest, "-o", folder, "--format", form, *options, "--shard", shard, "--coco", "--dem", DEM,
-                               "--assets-dir", harness.path("assets"), "--cache-dir", harness.path("cache"))
-                    self.assertIn(done.returncode, (0, 2), done.stderr)
-                    path = os.path.join(folder, f"coco-0000{shard[0]}-of-00002.json")
-                    with open(path) as file:
-                        text = file.read()
-                    self.assertEqual(texts.setdefault(path, text), text)
-                document = json.loads(text)
-                ids += [a["id"] for a in document["annotations"]]
-                for image in document["images"]:
-                    mine = [a for a in document["annotations"] if a["image_id"] == image["id"]]
-                    self.assertEqual([a["id"] for a in mine], [65536 * image["id"] + a["mask_id"] for a in mine])
-                    own = [{**a, "id": a["mask_id"], "image_id": 1} for a in mine]
-                    for annotation in own:
-                        del annotation["mask_id"]
-                    self.assertEqual(own, expected[image["id"]]["annotations"])
-                    self.assertEqual(image["file_name"], f"view-{image['id'] - 1}.npz")
-                    listed[image["id"]] = image
-                    if form == "webdataset":
-                        with tarfile.open(os.path.join(folder, image["tar"])) as tar:
-                            self.assertIn(image["file_name"], tar.getnames())
-                self.assertEqual(document["categories"], expected[1]["categories"])
-            self.assertEqual(set(listed), set(expected))
-            self.assertEqual(len(ids), len(set(ids)))
-            self.assertEqual(glob.glob(os.path.join(folder, "*.part")), [])
-            verified = run("batch", "verify", manifest, "-o", folder)
-            self.assertEqual(verified.returncode, 2, verified.stdout)  # the bad line alone
-            self.assertIn("6 frames done, 0 not done, 1 bad lines", verified.stdout)
-        refused = run("batch", manifest, "-o", harness.path("png"), "--format", "png", "--coco", "--dem", DEM)
-        self.assertIn("--coco", refused.stderr)
-        self.assertFalse(os.path.exists(harness.path("png")))
 
 
 if __name__ == "__main__":
