@@ -314,52 +314,24 @@ NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const std::fun
   return arrays;
 }
 
-namespace {
-
-// An archive within a file.
-class ArchiveInFile {
- public:
-  ArchiveInFile(const std::string& path, std::uint64_t offset, std::uint64_t bytes)
-      : path_(path),
-        archive_(open_archive(
-            [&](zip_error_t* error) {
-              return zip_source_file_create(path.c_str(), offset, static_cast<zip_int64_t>(bytes), error);
-            },
-            ZIP_CHECKCONS, [&](const std::string& why) { throw std::runtime_error(path + ": " + why); })) {}
-
-  zip_t* archive() const { return archive_.get(); }
-
-  std::string member(zip_uint64_t index) const {
-    zip_stat_t stat;
-    constexpr zip_uint64_t kNeeded = ZIP_STAT_NAME | ZIP_STAT_SIZE;
-    if (zip_stat_index(archive(), index, 0, &stat) != 0 || (stat.valid & kNeeded) != kNeeded)
-      throw std::runtime_error(path_ + ": has a member without name or size");
-    try {
-      return unpacked(archive(), index, stat.size, stat.name, {});
-    } catch (const RequestError& e) {
-      throw std::runtime_error(path_ + ": " + e.what());
-    }
-  }
-
- private:
-  const std::string path_;
-  const OpenArchive archive_;
-};
-
-}  // namespace
-
 std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
                                        const std::string& name) {
-  const ArchiveInFile file(path, offset, bytes);
-  const zip_int64_t index = zip_name_locate(file.archive(), name.c_str(), 0);
+  const auto refuse = [&](const std::string& why) { throw std::runtime_error(path + ": " + why); };
+  const OpenArchive archive = open_archive(
+      [&](zip_error_t* error) {
+        return zip_source_file_create(path.c_str(), offset, static_cast<zip_int64_t>(bytes), error);
+      },
+      0, refuse);
+  const zip_int64_t index = zip_name_locate(archive.get(), name.c_str(), 0);
   if (index < 0) return std::nullopt;
-  return file.member(static_cast<zip_uint64_t>(index));
-}
-
-void check_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes) {
-  const ArchiveInFile file(path, offset, bytes);
-  const zip_int64_t members = zip_get_num_entries(file.archive(), 0);
-  for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(members); ++i) file.member(i);
+  zip_stat_t stat;
+  if (zip_stat_index(archive.get(), static_cast<zip_uint64_t>(index), 0, &stat) != 0 || !(stat.valid & ZIP_STAT_SIZE))
+    refuse("has a member " + name + " without size");
+  try {
+    return unpacked(archive.get(), static_cast<zip_uint64_t>(index), stat.size, name, {});
+  } catch (const RequestError& e) {
+    throw std::runtime_error(path + ": " + e.what());
+  }
 }
 
 }  // namespace selenograph::api

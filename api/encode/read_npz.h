@@ -38,10 +38,6 @@ NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes,
 std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
                                        const std::string& name);
 
-// Unpacks all members of such an archive. Throws std::runtime_error naming the file if it is cut short or a checksum
-// differs.
-void check_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes);
-
 // Returns the array in the content of an .npy file; `name` is used in errors.
 NpzArray read_npy(std::string_view bytes, const std::string& name);
 

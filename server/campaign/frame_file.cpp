@@ -1,13 +1,18 @@
 #include "server/campaign/frame_file.h"
 
+#include <fcntl.h>
+
 #include <filesystem>
+#include <stdexcept>
 #include <vector>
 
 #include "api/encode/image_library.h"
 #include "api/encode/read_npz.h"
 #include "api/message/json_text.h"
 #include "dem/files/files.h"
+#include "dem/files/open_file.h"
 #include "dem/files/whole_file.h"
+#include "server/campaign/tar.h"
 
 namespace selenograph::server {
 namespace {
@@ -29,7 +34,12 @@ bool has_content_hash(const FrameFile& frame, const std::string& hash) {
 }
 
 void check_whole(const FrameFile& frame) {
-  if (!is_image(frame.path)) return api::check_npz(frame.path, frame.offset, frame.bytes);
+  if (!is_image(frame.path)) {
+    std::string bytes(frame.bytes, '\0');
+    if (!dem::OpenFile(frame.path, O_RDONLY).read(frame.offset, bytes.size(), bytes.data()))
+      throw std::runtime_error(frame.path + ": is cut short");
+    return check_zip(bytes, frame.path);
+  }
   std::vector<double> samples;
   api::image_library().read(frame.path, [&](const api::ImageSize& size) {
     samples.resize(size.width * size.height * static_cast<std::size_t>(size.channels));

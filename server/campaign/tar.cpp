@@ -84,4 +84,23 @@ std::vector<TarMember> list_tar(const std::string& path) {
   return members;
 }
 
+void check_zip(std::string_view bytes, const std::string& name) {
+  const Archive archive(::archive_read_new(), ::archive_read_free);
+  const auto require = [&](int result) { require_ok(result, archive.get(), name); };
+  // By its directory, which is at the end: without it the archive is cut short.
+  require(::archive_read_support_format_zip_seekable(archive.get()));
+  require(::archive_read_open_memory(archive.get(), bytes.data(), bytes.size()));
+  ::archive_entry* entry = nullptr;
+  for (int result; (result = ::archive_read_next_header(archive.get(), &entry)) != ARCHIVE_EOF;) {
+    require(result);
+    const void* block = nullptr;
+    std::size_t size = 0;
+    la_int64_t offset = 0;
+    do {
+      result = ::archive_read_data_block(archive.get(), &block, &size, &offset);
+    } while (result == ARCHIVE_OK);
+    if (result != ARCHIVE_EOF) require(result);
+  }
+}
+
 }  // namespace selenograph::server

@@ -1,5 +1,5 @@
-// Reproducible tar files: ustar without times and owners, so that the bytes depend on the members only. No other pair
-// of files uses libarchive.
+// Archives by libarchive, which no other pair of files uses. Tar files are reproducible: ustar without times and
+// owners, so that the bytes depend on the members only.
 //
 //   | header | content, padded to 512 | header | content .. | .. | tar_end(): 1024 zeros |
 //   |<------- tar_member() --------->|
@@ -24,5 +24,9 @@ struct TarMember {
 // Lists a tar's members without reading their content. Throws std::runtime_error naming the file when it cannot be read
 // or is not a complete tar of such members.
 std::vector<TarMember> list_tar(const std::string& path);
+
+// Reads all members of a zip archive, an .npz. Throws std::runtime_error with `name` if it is cut short or a checksum
+// differs.
+void check_zip(std::string_view bytes, const std::string& name);
 
 }  // namespace selenograph::server
