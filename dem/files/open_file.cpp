@@ -23,7 +23,7 @@ int write_all(int descriptor, std::string_view bytes) {
 
 // O_NONBLOCK: opening a FIFO would otherwise wait for its other end.
 OpenFile::OpenFile(std::string path, int flags)
-    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0644)) {
+    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0666)) {
   if (fd_ < 0) throw SystemFault(path_, errno);
   struct stat s {};
   if (::fstat(fd_, &s) == 0 && (flags & O_DIRECTORY ? S_ISDIR(s.st_mode) : S_ISREG(s.st_mode))) return;

@@ -10,9 +10,9 @@
 #include <cstdlib>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "dem/base/error.h"
-#include "dem/files/open_file.h"
 
 namespace selenograph::dem {
 namespace {
@@ -22,45 +22,74 @@ namespace fs = std::filesystem;
 // Returns a name for a temporary file next to a file, with this process's number: stale ones are recognised by it.
 std::string temporary_name(const std::string& path) {
   static std::atomic<int> counter{0};
-  return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
+  return fmt::format("{}{}{}-{}", path, kTemporaryMark, ::getpid(), counter++);
 }
 
-// Temporary file, unlinked with this object unless it was renamed.
-class Temporary {
- public:
-  Temporary(const std::string& path, std::string_view bytes, bool flush = true) : name_(temporary_name(path)) {
-    std::error_code no_folder;
-    fs::create_directories(fs::path(path).parent_path(), no_folder);
-    try {
-      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes, flush);
-    } catch (...) {
-      ::unlink(name_.c_str());
-      if (no_folder) throw SystemFault(path, no_folder.value());  // report the cause, not the missing folder
-      throw;
-    }
+// Calls step(); errors name the file by its final name.
+template <typename Step>
+void with_name(const std::string& path, const Step& step) {
+  try {
+    step();
+  } catch (const SystemFault& fault) {
+    throw SystemFault(path, fault.code());
   }
-  ~Temporary() {
-    if (!name_.empty()) ::unlink(name_.c_str());
-  }
-  Temporary(const Temporary&) = delete;
-  Temporary& operator=(const Temporary&) = delete;
+}
 
-  void rename(const std::string& path) {
-    if (::rename(name_.c_str(), path.c_str()) != 0) throw SystemFault(path, errno);
-    name_.clear();
+// Writes the folder's entry of a file to disk: without it, a new name may be lost in a crash.
+void flush_folder_of(const std::string& path) {
+  const fs::path parent = fs::path(path).parent_path();
+  const std::string folder = parent.empty() ? "." : parent.string();
+  if (::access(folder.c_str(), R_OK) != 0) return;  // a folder that may only be written into cannot be opened
+  try {
+    OpenFile(folder, O_RDONLY | O_DIRECTORY).write({}, true);
+  } catch (const SystemFault& fault) {
+    if (fault.code() != EINVAL) throw;  // this file system cannot flush folders
   }
-
- private:
-  std::string name_;
-};
+}
 
 }  // namespace
 
+// Another machine's process may have the same number: O_EXCL never opens its file.
+WholeFile::WholeFile(std::string path, bool flush) : path_(std::move(path)), flush_(flush) {
+  with_name(path_, [&] {
+    while (!file_) {
+      temporary_ = temporary_name(path_);
+      try {
+        file_.emplace(temporary_, O_WRONLY | O_CREAT | O_EXCL);
+      } catch (const SystemFault& fault) {
+        if (fault.code() != EEXIST) throw;
+      }
+    }
+  });
+}
+
+WholeFile::~WholeFile() {
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+void WholeFile::write(std::string_view bytes) {
+  with_name(path_, [&] { file_->write(bytes, false); });
+}
+
+void WholeFile::finish() {
+  with_name(path_, [&] {
+    file_->write({}, flush_);
+    if (::rename(temporary_.c_str(), path_.c_str()) != 0) throw SystemFault(path_, errno);
+    temporary_.clear();
+    if (flush_) flush_folder_of(path_);
+  });
+}
+
 void write_whole_file(const std::string& path, std::string_view bytes, bool flush) {
+  std::error_code no_folder;
+  fs::create_directories(fs::path(path).parent_path(), no_folder);
   try {
-    Temporary(path, bytes, flush).rename(path);
-  } catch (const SystemFault& fault) {
-    throw SystemFault(path, fault.code());  // name the file by its final name
+    WholeFile file(path, flush);
+    file.write(bytes);
+    file.finish();
+  } catch (const SystemFault&) {
+    if (no_folder) throw SystemFault(path, no_folder.value());  // report the cause, not the missing folder
+    throw;
   }
 }
 

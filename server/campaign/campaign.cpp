@@ -3,94 +3,31 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <filesystem>
 #include <mutex>
+#include <optional>
+#include <set>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
-#include "api/encode/negotiate.h"
-#include "api/message/json_text.h"
+#include "dem/files/whole_file.h"
+#include "server/campaign/frame_file.h"
+#include "server/campaign/frame_source.h"
 #include "server/campaign/progress.h"
-#include "server/campaign/store.h"
+#include "server/campaign/tar.h"
 
 namespace selenograph::server {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
-enum class Outcome { frame, bad, failed, cancelled };
-
-// Answer to one line, and its rendering time.
-struct Answer {
-  Outcome outcome = Outcome::cancelled;
-  api::Response response;
-  double ms = 0;
-};
-
-std::string header_of(const api::Response& response, std::string_view name) {
-  for (const auto& [header, value] : response.headers)
-    if (header == name) return value;
-  return {};
-}
-
-// Returns the answer's frame, which points to the answer's bytes.
-RenderedFrame frame_of(const Answer& answer) {
-  RenderedFrame frame{.bytes = answer.response.body, .content_hash = {}, .ms = answer.ms};
-  if (const std::string tag = header_of(answer.response, "ETag"); tag.size() > 2)
-    frame.content_hash = tag.substr(1, tag.size() - 2);  // without its quotation marks
-  frame.is_incomplete = !header_of(answer.response, "Selenograph-Missing-Fraction").empty();
-  return frame;
-}
-
-// Renders lines as POST /v1/frames answers them.
-class FrameSource {
- public:
-  FrameSource(const Manifest& manifest, const api::Service& service, std::string_view media_type,
-              std::atomic<bool>& stop)
-      : manifest_(manifest), service_(service), media_type_(media_type), stop_(stop) {}
-
-  Answer render(const ManifestLine& line) const {
-    constexpr int kMaxTries = 3;
-    api::Request request;
-    request.method = "POST";
-    request.path = "/v1/frames";
-    request.headers = {{"accept", media_type_}, {"content-type", "application/json"}};
-    request.body = api::json_text(manifest_.request(line));
-    request.abandoned = &stop_;
-    Answer answer;
-    for (int i = 0; i < kMaxTries && !stop_; ++i) {
-      request.received = Clock::now();
-      answer.response = service_.handle(request);
-      answer.ms = std::chrono::duration<double, std::milli>(Clock::now() - request.received).count();
-      answer.outcome = outcome_of(answer.response.status);
-      // 503: other requests hold the memory that this one needs. Try again after a second, which `stop_` cuts short.
-      if (answer.response.status != 503) return answer;
-      for (int wait = 0; wait < 20 && !stop_; ++wait) std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    }
-    if (stop_) answer.outcome = Outcome::cancelled;
-    return answer;
-  }
-
- private:
-  Outcome outcome_of(int status) const {
-    if (status == 200) return Outcome::frame;
-    if (stop_) return Outcome::cancelled;
-    return status < 500 ? Outcome::bad : Outcome::failed;
-  }
-
-  const Manifest& manifest_;
-  const api::Service& service_;
-  const std::string media_type_;
-  std::atomic<bool>& stop_;
-};
-
-// Lets threads that work in parallel hand over their results in order: thread by thread, each waits for the number of
-// its result, hands it over and calls done().
+// Lets threads that work in parallel hand over their results in order: each waits for the turn of its number, and
+// calls done().
 class InTurn {
  public:
   explicit InTurn(std::atomic<bool>& stop) : stop_(stop) {}
@@ -117,46 +54,44 @@ class InTurn {
   std::size_t next_ = 0;
 };
 
+// A tar and the lines whose frames it holds.
+struct TarPlan {
+  std::string path;
+  Span lines;
+};
+
+// State of a file under a line's name.
+enum class Existing { done, missing, failed, foreign, unknown };
+
 class Campaign {
  public:
-  Campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
-           const CampaignOptions& options, std::atomic<bool>& stop)
+  Campaign(const Manifest& manifest, const api::Service& service, const CampaignOptions& options,
+           std::atomic<bool>& stop)
       : manifest_(manifest),
         options_(options),
         stop_(stop),
-        journal_(options.folder, options.shard, made_by),
-        record_(options.folder, made_by),
-        frames_(manifest, service, media_type(options.format), stop) {
-    const std::string suffix = options.format == kWebDataset ? ".tar" : "." + options.format;
-    if (const std::string& file = record_.any_file(); !file.empty() && !file.ends_with(suffix))
-      throw std::runtime_error(
-          fmt::format("{}: holds a campaign's frames in another format ({}): give {} a folder of "
-                      "its own",
-                      options.folder, file, options.format));
-  }
+        suffix_("." + (options.format == kWebDataset ? "npz" : options.format)),
+        frames_(manifest, service, suffix_.substr(1), stop) {}
 
   CampaignTally run() {
     const std::size_t lines = options_.format == kWebDataset ? write_tars() : write_files();
-    tally_.interrupted = tally_.rendered + tally_.existing + tally_.bad + tally_.failed < lines;
+    tally_.interrupted = tally_.rendered + tally_.existing + tally_.bad + tally_.failed + tally_.left_out < lines;
     return tally_;
   }
 
  private:
-  static std::string_view media_type(const std::string& format) {
-    for (const api::Representation& r : api::representations())
-      if (r.extension == (format == kWebDataset ? "npz" : format)) return r.media_type;
-    throw std::runtime_error(format + ": is not a format of frames");
-  }
+  const ManifestLine& line(std::size_t i) const { return manifest_.lines()[i]; }
+  std::string path_of(const ManifestLine& line) const { return in_folder(options_.folder, line.name + suffix_); }
 
-  // Calls work(i) for 0 <= i < count on in_work threads. The first exception stops the others and is rethrown.
+  // Calls work(i) for all i of the span on in_work threads. The first exception stops the others and is rethrown.
   template <typename Work>
-  void in_parallel(std::size_t count, const Work& work) {
-    std::atomic<std::size_t> next{0};
+  void in_parallel(const Span& span, const Work& work) {
+    std::atomic<std::size_t> next{span.begin};
     std::mutex mutex;
     std::exception_ptr first;
     const auto worker = [&] {
       try {
-        for (std::size_t i = 0; !stop_ && (i = next++) < count;) work(i);
+        for (std::size_t i = 0; !stop_ && (i = next++) < span.end;) work(i);
       } catch (...) {
         const std::lock_guard lock(mutex);
         if (!first) first = std::current_exception();
@@ -170,13 +105,23 @@ class Campaign {
     if (first) std::rethrow_exception(first);
   }
 
-  // Journals, logs and counts a line without a frame.
+  // Removes what killed processes have left of these files.
+  void remove_unfinished(const std::set<std::string>& paths) const {
+    for (const fs::directory_entry& entry : fs::directory_iterator(options_.folder)) {
+      const std::string path = entry.path().string();
+      const std::size_t mark = path.rfind(dem::kTemporaryMark);
+      if (mark != std::string::npos && paths.contains(path.substr(0, mark))) fs::remove(entry.path());
+    }
+  }
+
+  Answer render(const ManifestLine& line) const {
+    return line.problem ? Answer{Outcome::refused, {}} : frames_.render(line);
+  }
+
+  // Logs and counts a line without a frame, and records the problem of one that was refused.
   void note_problem(const ManifestLine& line, const Answer& answer) {
     const Problem problem = line.problem ? *line.problem : problem_of(answer.response.body, answer.response.status);
-    // Journal a problem once: a repeated run finds the same one.
-    const LineWithoutFrame* recorded = record_.without_frame(line);
-    if (!recorded || recorded->problem != problem)
-      journal_.add(LineWithoutFrame{line.name, line.number, line.request_sha256, problem, {}, {}});
+    if (!line.problem && answer.outcome == Outcome::refused) record_problem(options_.folder, manifest_, line, problem);
     std::string text = problem.value("detail", std::string("no answer"));
     if (const auto errors = problem.find("errors"); errors != problem.end() && errors->size() > 1)
       for (const auto& error : *errors)
@@ -187,113 +132,215 @@ class Campaign {
     ++tally;
   }
 
-  // Renders a line; one with a problem in the manifest is bad without a request.
-  Answer answer_to(const ManifestLine& line) const {
-    return line.problem ? Answer{Outcome::bad, {}, 0} : frames_.render(line);
+  // Counts a rendered frame and its warnings.
+  void count(const Answer& answer, CampaignTally& tally) {
+    const api::Json warnings = api::Json::parse(answer.header("Selenograph-Warnings"), nullptr, false);
+    const std::lock_guard lock(mutex_);
+    ++tally.rendered;
+    if (!answer.header("Selenograph-Missing-Fraction").empty()) ++tally.incomplete;
+    if (warnings.is_array())
+      for (const api::Json& text : warnings) ++tally.warnings[text.get<std::string>()];
   }
 
-  // Counts a frame and its warnings.
-  void count(const RenderedFrame& frame, const Answer& answer) {
-    const api::Json warnings = api::Json::parse(header_of(answer.response, "Selenograph-Warnings"), nullptr, false);
-    const std::lock_guard lock(mutex_);
-    ++tally_.rendered;
-    if (frame.is_incomplete) ++tally_.incomplete;
-    if (warnings.is_array())
-      for (const api::Json& text : warnings) ++tally_.warnings[text.get<std::string>()];
+  // Compares a stored frame with the one that the line would give now.
+  Existing compare(const ManifestLine& line, const FrameFile& frame) {
+    const Answer answer = frames_.identify(line);
+    if (answer.outcome == Outcome::cancelled) return Existing::unknown;
+    if (answer.outcome == Outcome::failed) {
+      note_problem(line, answer);
+      return Existing::failed;
+    }
+    const std::string tag = answer.header("ETag");
+    if (answer.outcome != Outcome::not_modified || tag.size() < 2) return Existing::foreign;
+    try {
+      return has_content_hash(frame, tag.substr(1, tag.size() - 2)) ? Existing::done : Existing::foreign;
+    } catch (const std::runtime_error&) {
+      return Existing::foreign;  // it cannot be read
+    }
+  }
+
+  void refuse_unless_replaced(const std::string& path, const std::string& lines) const {
+    if (options_.replace) return;
+    throw std::runtime_error(
+        fmt::format("{}: exists, but is not what {} of {} gives with this software and this terrain; --resume replaces "
+                    "such files, and batch verify finds damaged ones",
+                    path, lines, manifest_.path()));
+  }
+
+  // Returns the states of the lines' frames that `find` returns (null: Existing::missing), and counts the finished
+  // ones.
+  template <typename Find>
+  std::vector<Existing> compare_all(const Span& lines, const Find& find) {
+    std::vector<Existing> states(lines.size(), Existing::unknown);
+    in_parallel(lines, [&](std::size_t i) {
+      const std::optional<FrameFile> frame = line(i).problem ? std::nullopt : find(line(i));
+      states[i - lines.begin] = frame ? compare(line(i), *frame) : Existing::missing;
+    });
+    tally_.existing += number_of(Existing::done, states);
+    return states;
+  }
+
+  static std::size_t number_of(Existing state, const std::vector<Existing>& states) {
+    return static_cast<std::size_t>(std::count(states.begin(), states.end(), state));
+  }
+
+  // Returns the numbers of the lines without a finished file.
+  std::vector<std::size_t> missing_files(const Span& lines) {
+    const std::vector<Existing> states = compare_all(lines, [&](const ManifestLine& line) {
+      std::error_code missing;
+      const std::string path = path_of(line);
+      const auto bytes = fs::file_size(path, missing);
+      return missing ? std::nullopt : std::optional(FrameFile{path, 0, bytes});
+    });
+    std::vector<std::size_t> missing;
+    for (std::size_t i = lines.begin; i < lines.end; ++i) {
+      const Existing state = states[i - lines.begin];
+      if (state == Existing::foreign) refuse_unless_replaced(path_of(line(i)), fmt::format("line {}", line(i).number));
+      if (state == Existing::foreign || state == Existing::missing) missing.push_back(i);
+    }
+    return missing;
   }
 
   // Both write functions return the number of the shard's lines.
   std::size_t write_files() {
-    FrameFolder folder(options_.folder, options_.format, options_.shard, record_, journal_);
-    const std::vector<const ManifestLine*> lines = lines_of(manifest_, options_.shard);
-    std::vector<const ManifestLine*> missing;
-    for (const ManifestLine* line : lines) {
-      if (!line->problem && folder.has(*line)) {
-        ++tally_.existing;
-        continue;
-      }
-      if (!line->problem && !options_.replace && folder.is_taken(*line))
-        throw std::runtime_error(
-            fmt::format("{}: exists, but no journal says that it is the frame of line {} of {} with this software and "
-                        "this terrain; --resume replaces such frames",
-                        folder.path_of(*line), line->number, manifest_.path()));
-      missing.push_back(line);
-    }
+    const Span lines = span_of(manifest_.lines().size(), options_.shard);
+    std::set<std::string> paths;
+    for (std::size_t i = lines.begin; i < lines.end; ++i)
+      paths.insert({path_of(line(i)), problem_path(options_.folder, line(i))});
+    remove_unfinished(paths);
+    const std::vector<std::size_t> missing = missing_files(lines);
     CampaignProgress progress(missing.size());
-    in_parallel(missing.size(), [&](std::size_t i) {
-      const ManifestLine& line = *missing[i];
-      const Answer answer = answer_to(line);
+    in_parallel({0, missing.size()}, [&](std::size_t i) {
+      const ManifestLine& next = line(missing[i]);
+      const Answer answer = render(next);
       if (answer.outcome == Outcome::cancelled) return;
       if (answer.outcome == Outcome::frame) {
-        const RenderedFrame frame = frame_of(answer);
-        folder.put(line, frame);
-        count(frame, answer);
+        dem::write_whole_file(path_of(next), answer.response.body);
+        fs::remove(problem_path(options_.folder, next));
+        count(answer, tally_);
       } else {
-        note_problem(line, answer);
+        note_problem(next, answer);
+        // Another request's frame, which `replace` gives up.
+        if (!next.problem && answer.outcome == Outcome::refused) fs::remove(path_of(next));
       }
-      progress.step(line.name);
+      progress.step(next.name);
     });
     return lines.size();
   }
 
-  // Counts the lines of a tar that was finished earlier.
-  void count_existing(const TarPlan& tar) {
-    for (const ManifestLine* line : tar.lines) {
-      const bool is_bad = line->problem || record_.without_frame(*line);
-      std::size_t& tally = is_bad ? tally_.bad : tally_.existing;
-      ++tally;
+  // The tars are cut first and then distributed, so that they do not depend on the number of shards.
+  std::vector<TarPlan> plan_tars() const {
+    const std::size_t lines = manifest_.lines().size(), per_tar = options_.frames_per_tar;
+    const Span tars = span_of((lines + per_tar - 1) / per_tar, options_.shard);
+    std::vector<TarPlan> plans;
+    for (std::size_t i = tars.begin; i < tars.end; ++i)
+      plans.push_back({in_folder(options_.folder, fmt::format("frames-{:06}.tar", i)),
+                       {i * per_tar, std::min((i + 1) * per_tar, lines)}});
+    return plans;
+  }
+
+  // Returns a tar's frames by the names of their members; none if it cannot be read.
+  static std::map<std::string, FrameFile> members_of(const std::string& path) {
+    std::map<std::string, FrameFile> members;
+    try {
+      for (const TarMember& member : list_tar(path)) members[member.name] = {path, member.offset, member.bytes};
+    } catch (const std::runtime_error&) {
+      members.clear();
     }
+    return members;
+  }
+
+  // Returns true if the tar is finished or cannot be judged now; counts its lines then.
+  bool has_tar(const TarPlan& plan) {
+    if (!fs::exists(plan.path)) return false;
+    const std::map<std::string, FrameFile> members = members_of(plan.path);
+    const std::vector<Existing> states = compare_all(plan.lines, [&](const ManifestLine& line) {
+      const auto member = members.find(line.name + suffix_);
+      return member == members.end() ? std::nullopt : std::optional(member->second);
+    });
+    bool is_foreign = number_of(Existing::foreign, states) > 0;
+    std::size_t bad = 0;
+    for (std::size_t i = plan.lines.begin; i < plan.lines.end; ++i) {
+      if (states[i - plan.lines.begin] != Existing::missing) continue;
+      ++bad;
+      is_foreign |= !line(i).problem && !recorded_problem(options_.folder, manifest_, line(i));
+    }
+    // The tar holds the frames of other lines, too.
+    is_foreign |= members.size() + bad > plan.lines.size();
+    if (is_foreign) {
+      tally_.existing -= number_of(Existing::done, states);
+      refuse_unless_replaced(
+          plan.path, fmt::format("lines {} to {}", line(plan.lines.begin).number, line(plan.lines.end - 1).number));
+      return false;
+    }
+    tally_.bad += bad;
+    return true;
   }
 
   std::size_t write_tars() {
-    const std::vector<TarPlan> plans = tars_of(manifest_, options_.shard, options_.frames_per_tar);
-    std::vector<const TarPlan*> tars;
-    std::size_t lines = 0, missing = 0;
-    for (const TarPlan& tar : plans) {
-      lines += tar.lines.size();
-      if (TarWriter::has(options_.folder, tar, record_)) {
-        count_existing(tar);
-      } else {
-        tars.push_back(&tar);
-        missing += tar.lines.size();
-      }
+    const std::vector<TarPlan> plans = plan_tars();
+    std::set<std::string> paths;
+    for (const TarPlan& plan : plans) paths.insert(plan.path);
+    remove_unfinished(paths);
+    std::vector<TarPlan> missing;
+    std::size_t lines = 0, missing_lines = 0;
+    for (const TarPlan& plan : plans) {
+      lines += plan.lines.size();
+      if (stop_ || has_tar(plan)) continue;
+      missing.push_back(plan);
+      missing_lines += plan.lines.size();
     }
-    CampaignProgress progress(missing);
-    for (const TarPlan* tar : tars)
-      if (!stop_) write(*tar, progress);
+    CampaignProgress progress(missing_lines);
+    for (const TarPlan& plan : missing)
+      if (!stop_) write(plan, progress);
     return lines;
   }
 
-  // Renders a tar's frames in parallel, and appends them in the plan's order.
+  // Renders a tar's frames in parallel, and appends them in the manifest's order. After a line that failed the others
+  // are left out: a tar is written whole, by the next run.
   void write(const TarPlan& plan, CampaignProgress& progress) {
-    TarWriter tar(options_.folder, "npz", plan, journal_);
+    dem::WholeFile tar(plan.path);
     InTurn turn(stop_);
-    bool is_complete = true;  // no frame has failed; each thread changes it only in its turn
-    in_parallel(plan.lines.size(), [&](std::size_t i) {
-      const ManifestLine& line = *plan.lines[i];
-      const Answer answer = answer_to(line);
-      if (answer.outcome == Outcome::cancelled || !turn.wait(i)) return;
-      if (answer.outcome != Outcome::frame) {
-        note_problem(line, answer);
-        is_complete &= answer.outcome == Outcome::bad;
-      } else if (is_complete) {
-        // A tar is in the plan's order, so frames behind a failed one are not put. They are rendered all the same, so
-        // that the journal has their problems.
-        const RenderedFrame frame = frame_of(answer);
-        tar.put(line, frame);
-        count(frame, answer);
+    CampaignTally stored;
+    std::atomic<bool> has_failed = false;
+    std::size_t left_out = 0;  // each thread changes it only in its turn
+    in_parallel({0, plan.lines.size()}, [&](std::size_t i) {
+      const ManifestLine& next = line(plan.lines.begin + i);
+      const Answer answer = has_failed ? Answer{} : render(next);
+      if ((answer.outcome == Outcome::cancelled && !has_failed) || !turn.wait(i)) return;
+      if (answer.outcome == Outcome::refused || answer.outcome == Outcome::failed) {
+        note_problem(next, answer);
+        has_failed = has_failed || answer.outcome == Outcome::failed;
+      } else if (has_failed) {
+        ++left_out;
+      } else {
+        tar.write(tar_member(next.name + suffix_, answer.response.body));
+        fs::remove(problem_path(options_.folder, next));
+        count(answer, stored);
       }
-      progress.step(line.name);
+      progress.step(next.name);
       turn.done();
     });
-    if (is_complete && turn.count() == plan.lines.size()) tar.finish();
+    if (turn.count() < plan.lines.size()) return;
+    if (has_failed) {
+      tally_.left_out += left_out + stored.rendered;
+      return;
+    }
+    if (stored.rendered > 0) {
+      tar.write(tar_end());
+      tar.finish();
+    } else {
+      fs::remove(plan.path);  // of other requests
+    }
+    tally_.rendered += stored.rendered;
+    tally_.incomplete += stored.incomplete;
+    for (const auto& [text, frames] : stored.warnings) tally_.warnings[text] += frames;
   }
 
   const Manifest& manifest_;
   const CampaignOptions& options_;
   std::atomic<bool>& stop_;
-  Journal journal_;  // before record_: its lock keeps other processes from this shard while the record is read
-  const Record record_;
+  const std::string suffix_;
   const FrameSource frames_;
   std::mutex mutex_;
   CampaignTally tally_;
@@ -301,10 +348,10 @@ class Campaign {
 
 }  // namespace
 
-CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
-                           const CampaignOptions& options, std::atomic<bool>& stop) {
+CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const CampaignOptions& options,
+                           std::atomic<bool>& stop) {
   fs::create_directories(options.folder);
-  return Campaign(manifest, service, made_by, options, stop).run();
+  return Campaign(manifest, service, options, stop).run();
 }
 
 }  // namespace selenograph::server

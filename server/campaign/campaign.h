@@ -1,13 +1,19 @@
-// Renders a shard of a campaign, from the manifest to the last frame.
+// Renders a shard of a campaign. A frame is a function of its request, so a file that exists whole is done:
+//
+//   line --ETag--> is DIR/NAME.npz there? --no--> render -> NAME.npz.tmp-.. -> flush -> rename to NAME.npz
+//                   | yes
+//                   has it this ETag as its content hash? --yes--> done;  no: refused, or rendered again with `replace`
+//
+// Tars hold the frames of consecutive lines, and are there whole or not at all, too.
 #pragma once
 
 #include <atomic>
 #include <cstddef>
+#include <functional>
 #include <map>
 #include <string>
 
 #include "api/service.h"
-#include "server/campaign/journal.h"
 #include "server/campaign/manifest.h"
 #include "server/campaign/plan.h"
 
@@ -20,9 +26,9 @@ struct CampaignOptions {
   std::string folder;
   std::string format = "npz";
   Shard shard;
-  std::size_t frames_per_tar = 256;  // for kWebDataset
-  bool replace = false;              // replace frames of other requests with the manifest's names
-  int in_work = 2;                   // frames rendered at once
+  std::size_t frames_per_tar = 1000;  // for kWebDataset
+  bool replace = false;               // replace other files under the manifest's names
+  int in_work = 2;                    // frames rendered at once
 };
 
 // Numbers of a shard's lines by outcome.
@@ -31,15 +37,15 @@ struct CampaignTally {
   std::size_t existing = 0;                     // finished by an earlier run
   std::size_t bad = 0;                          // can never become a frame
   std::size_t failed = 0;                       // temporary failure: an unreadable file, no memory
-  std::size_t incomplete = 0;                   // frames with pixels on the Moon outside the data
-  std::map<std::string, std::size_t> warnings;  // number of frames with each
+  std::size_t left_out = 0;                     // of tars that are not written, because another line has failed
+  std::size_t incomplete = 0;                   // rendered frames with pixels on the Moon outside the data
+  std::map<std::string, std::size_t> warnings;  // number of rendered frames with each
   bool interrupted = false;
 };
 
-// Renders missing frames; `made_by`: see Journal. `stop` cancels active frames; files being written are finished.
-// Throws std::runtime_error naming the file when the folder holds files that are not this campaign's, or cannot be
-// written.
-CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
-                           const CampaignOptions& options, std::atomic<bool>& stop);
+// Renders missing frames. `stop` cancels active frames; files being written are finished. Throws std::runtime_error
+// naming the file when the folder holds other files under the manifest's names, or cannot be written.
+CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const CampaignOptions& options,
+                           std::atomic<bool>& stop);
 
 }  // namespace selenograph::server

@@ -6,11 +6,9 @@
 #include <stdexcept>
 #include <unordered_map>
 
-#include "api/message/json_text.h"
 #include "api/message/problem.h"
 #include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "server/campaign/sha256.h"
 
 namespace selenograph::server {
 namespace {
@@ -42,7 +40,7 @@ std::vector<ManifestLine> split(std::string_view text) {
     std::string_view line = text.substr(0, end);
     text.remove_prefix(std::min(end + 1, text.size()));
     if (line.find_first_not_of(" \t\r") == std::string_view::npos) continue;
-    lines.push_back({.number = number, .name = {}, .text = line, .request_sha256 = {}, .problem = {}});
+    lines.push_back({.number = number, .name = {}, .text = line, .problem = {}});
   }
   return lines;
 }
@@ -50,16 +48,12 @@ std::vector<ManifestLine> split(std::string_view text) {
 }  // namespace
 
 Problem problem_of(const std::string& body, int status) {
-  Problem document = Problem::parse(body, nullptr, false);
-  Problem problem{{"status", status}};
-  for (const char* member : {"title", "detail", "errors"})
-    if (document.is_object() && document.contains(member)) problem[member] = std::move(document[member]);
-  return problem;
+  Problem problem = Problem::parse(body, nullptr, false);
+  return problem.is_object() ? problem : Problem{{"status", status}, {"detail", "no answer"}};
 }
 
 // answer_or_problem() turns the exceptions of reading a line into the problem that the service would answer.
-Manifest::Manifest(const std::string& path, int max_json_depth)
-    : path_(path), text_(dem::read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
+Manifest::Manifest(const std::string& path) : path_(path), text_(dem::read_whole(path)) {
   lines_ = split(text_);
   if (lines_.empty()) throw std::runtime_error(path + ": has no lines");
   // Line numbers as names have as many digits as the last one.
@@ -67,16 +61,14 @@ Manifest::Manifest(const std::string& path, int max_json_depth)
   std::unordered_map<std::string_view, std::size_t> line_of_name;
   line_of_name.reserve(lines_.size());
   for (ManifestLine& line : lines_) {
-    // Name and hash of a line that turns out to be invalid.
+    // Name of a line that turns out to be invalid.
     line.name = fmt::format("{:0{}}", line.number, digits);
-    line.request_sha256 = server::sha256(line.text);
     const api::Response result_of_reading = api::answer_or_problem({}, [&] {
-      Json request = api::parse_json(line.text, max_json_depth);
+      Json request = api::parse_json(line.text);
       if (request.is_object() && request.contains(kName)) {
         line.name = read_name(request[kName]);
         request.erase(kName);
       }
-      line.request_sha256 = server::sha256(api::json_text(request));
       const auto [first, is_new] = line_of_name.emplace(line.name, line.number);
       if (!is_new) refuse_name(fmt::format("\"{}\" is the name of line {}", line.name, first->second));
       return api::Response{};
@@ -86,7 +78,7 @@ Manifest::Manifest(const std::string& path, int max_json_depth)
 }
 
 Json Manifest::request(const ManifestLine& line) const {
-  Json request = api::parse_json(line.text, max_json_depth_);
+  Json request = api::parse_json(line.text);
   if (request.is_object()) request.erase(kName);
   return request;
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -16,15 +15,13 @@ namespace selenograph::server {
 // Maximum bytes of a frame's name. With its suffix it fits a plain tar header.
 inline constexpr std::size_t kMaxFrameNameBytes = 90;
 
-// Members of a problem document that a journal keeps: status, title, detail, errors.
+// A problem document, as the service answers it.
 using Problem = nlohmann::ordered_json;
 
 struct ManifestLine {
   std::size_t number = 0;  // in the file, from 1
   std::string name;
   std::string_view text;
-  // Hash of the request without its name as compact sorted JSON, or of the text of an invalid line.
-  std::string request_sha256;
   // Reason why the line can never become a frame, if the manifest alone shows one.
   std::optional<Problem> problem;
 };
@@ -35,23 +32,21 @@ struct ManifestLine {
 class Manifest {
  public:
   // Throws std::runtime_error naming the file.
-  Manifest(const std::string& path, int max_json_depth);
+  explicit Manifest(const std::string& path);
   Manifest(const Manifest&) = delete;
   Manifest& operator=(const Manifest&) = delete;
 
   const std::string& path() const { return path_; }
-  const std::string& sha256() const { return sha256_; }
   const std::vector<ManifestLine>& lines() const { return lines_; }
   // Returns the request of a line without a problem.
   api::Json request(const ManifestLine& line) const;
 
  private:
-  std::string path_, text_, sha256_;
-  int max_json_depth_;
+  std::string path_, text_;
   std::vector<ManifestLine> lines_;
 };
 
-// Extracts a journal's members from the problem document of an answer.
+// Returns the problem document of an answer.
 Problem problem_of(const std::string& body, int status);
 
 }  // namespace selenograph::server

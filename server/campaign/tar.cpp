@@ -4,33 +4,21 @@
 #include <archive_entry.h>
 #include <fmt/format.h>
 
-#include <cerrno>
-#include <cstring>
-#include <fstream>
+#include <filesystem>
 #include <memory>
 #include <stdexcept>
-#include <vector>
-
-#include "server/campaign/sha256.h"
 
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kTarBlockBytes = 512;
+constexpr std::uint64_t kTarBlockBytes = 512;
 
-struct FreeArchive {
-  void operator()(::archive* a) const { ::archive_free(a); }
-};
-struct FreeEntry {
-  void operator()(::archive_entry* e) const { ::archive_entry_free(e); }
-};
-using Archive = std::unique_ptr<::archive, FreeArchive>;
-using Entry = std::unique_ptr<::archive_entry, FreeEntry>;
+using Archive = std::unique_ptr<::archive, int (*)(::archive*)>;
 
-void require_ok(int result, ::archive* archive, const std::string& what) {
+void require_ok(int result, ::archive* archive, const std::string& path) {
   if (result == ARCHIVE_OK) return;
   const char* why = ::archive_error_string(archive);
-  throw std::runtime_error(fmt::format("{}: {}", what, why ? why : "libarchive failed"));
+  throw std::runtime_error(fmt::format("{}: {}", path, why ? why : "libarchive failed"));
 }
 
 // Callback of libarchive that writes.
@@ -39,44 +27,20 @@ la_ssize_t append_to_string(::archive*, void* out, const void* bytes, std::size_
   return static_cast<la_ssize_t>(count);
 }
 
-// A file that is hashed while it is read.
-struct HashedFile {
-  std::ifstream file;
-  Sha256 digest;
-  std::vector<char> buffer = std::vector<char>(std::size_t{1} << 20);
-
-  // Returns the next block; empty at the end.
-  std::string_view next() {
-    file.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
-    const std::string_view block(buffer.data(), static_cast<std::size_t>(file.gcount()));
-    digest.add(block);
-    return block;
-  }
-};
-
-// Callback of libarchive that reads the next block of a HashedFile.
-la_ssize_t read_hashed(::archive* archive, void* file, const void** bytes) {
-  auto& hashed = *static_cast<HashedFile*>(file);
-  const std::string_view block = hashed.next();
-  if (hashed.file.bad()) {
-    ::archive_set_error(archive, EIO, "cannot be read");
-    return -1;
-  }
-  *bytes = block.data();
-  return static_cast<la_ssize_t>(block.size());
-}
+std::uint64_t padded(std::uint64_t bytes) { return (bytes + kTarBlockBytes - 1) / kTarBlockBytes * kTarBlockBytes; }
 
 }  // namespace
 
 std::string tar_member(const std::string& name, std::string_view content) {
   std::string bytes_of_tar;
   bytes_of_tar.reserve(content.size() + 4 * kTarBlockBytes);
-  const Archive archive(::archive_write_new());
+  const Archive archive(::archive_write_new(), ::archive_write_free);
   const auto require = [&](int result) { require_ok(result, archive.get(), name); };
   require(::archive_write_set_format_ustar(archive.get()));
   require(::archive_write_set_bytes_per_block(archive.get(), 0));  // no padding to records of several blocks
   require(::archive_write_open(archive.get(), &bytes_of_tar, nullptr, append_to_string, nullptr));
-  const Entry entry(::archive_entry_new());
+  const std::unique_ptr<::archive_entry, decltype(&::archive_entry_free)> entry(::archive_entry_new(),
+                                                                                ::archive_entry_free);
   ::archive_entry_set_pathname(entry.get(), name.c_str());
   ::archive_entry_set_filetype(entry.get(), AE_IFREG);
   ::archive_entry_set_perm(entry.get(), 0644);
@@ -97,38 +61,46 @@ std::string tar_member(const std::string& name, std::string_view content) {
 
 std::string tar_end() { return std::string(2 * kTarBlockBytes, '\0'); }
 
-std::string read_tar(const std::string& path,
-                     const std::function<void(const std::string&, std::uint64_t, const std::string&)>& each) {
-  HashedFile file{std::ifstream(path, std::ios::binary), {}};
-  if (!file.file) throw std::runtime_error(path + ": cannot be read");
-  const Archive archive(::archive_read_new());
+std::vector<TarMember> list_tar(const std::string& path) {
+  const Archive archive(::archive_read_new(), ::archive_read_free);
   const auto require = [&](int result) { require_ok(result, archive.get(), path); };
   require(::archive_read_support_format_tar(archive.get()));
-  require(::archive_read_open(archive.get(), &file, nullptr, read_hashed, nullptr));
+  require(::archive_read_open_filename(archive.get(), path.c_str(), kTarBlockBytes));
+  std::vector<TarMember> members;
+  std::uint64_t end = 0;
   ::archive_entry* entry = nullptr;
   for (;;) {
     const int result = ::archive_read_next_header(archive.get(), &entry);
     if (result == ARCHIVE_EOF) break;
     require(result);
-    Sha256 digest;
-    std::uint64_t bytes = 0;
-    for (;;) {
-      const void* block = nullptr;
-      std::size_t size = 0;
-      la_int64_t offset = 0;
-      const int data = ::archive_read_data_block(archive.get(), &block, &size, &offset);
-      if (data == ARCHIVE_EOF) break;
-      require(data);
-      digest.add({static_cast<const char*>(block), size});
-      bytes += size;
-    }
     const char* name = ::archive_entry_pathname(entry);
-    each(name ? name : "", bytes, digest.hex());
+    const auto header = static_cast<std::uint64_t>(::archive_read_header_position(archive.get()));
+    members.push_back(
+        {name ? name : "", header + kTarBlockBytes, static_cast<std::uint64_t>(::archive_entry_size(entry))});
+    end = header + kTarBlockBytes + padded(members.back().bytes);
   }
-  // Hash what is behind the last member, too: libarchive stops reading at the end of the tar.
-  while (!file.next().empty()) {
+  // libarchive skips the content by seeking, also beyond the end of the file.
+  if (std::filesystem::file_size(path) != end + tar_end().size()) throw std::runtime_error(path + ": is cut short");
+  return members;
+}
+
+void check_zip(std::string_view bytes, const std::string& name) {
+  const Archive archive(::archive_read_new(), ::archive_read_free);
+  const auto require = [&](int result) { require_ok(result, archive.get(), name); };
+  // By its directory, which is at the end: without it the archive is cut short.
+  require(::archive_read_support_format_zip_seekable(archive.get()));
+  require(::archive_read_open_memory(archive.get(), bytes.data(), bytes.size()));
+  ::archive_entry* entry = nullptr;
+  for (int result; (result = ::archive_read_next_header(archive.get(), &entry)) != ARCHIVE_EOF;) {
+    require(result);
+    const void* block = nullptr;
+    std::size_t size = 0;
+    la_int64_t offset = 0;
+    do {
+      result = ::archive_read_data_block(archive.get(), &block, &size, &offset);
+    } while (result == ARCHIVE_OK);
+    if (result != ARCHIVE_EOF) require(result);
   }
-  return file.digest.hex();
 }
 
 }  // namespace selenograph::server

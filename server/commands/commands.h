@@ -49,8 +49,8 @@ struct BatchSettings {
   std::string manifest, output;  // output: folder
   std::string shard = "0/1";     // I/N, I from 0
   std::string format = "npz";
-  std::size_t frames_per_tar = 256;
-  bool resume = false, coco = false;
+  std::size_t frames_per_tar = 1000;
+  bool resume = false;
   int in_work = 0;  // 0: two, or one on a single core
 };
 

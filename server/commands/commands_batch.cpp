@@ -8,13 +8,10 @@
 #include <stdexcept>
 #include <thread>
 
-#include "api/answers/metadata.h"
-#include "api/json/json_reader.h"
 #include "api/message/json_text.h"
-#include "api/message/version.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
-#include "server/campaign/durable_files.h"
+#include "server/campaign/frame_file.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/start.h"
@@ -49,9 +46,11 @@ void print_tally(const CampaignTally& tally, const std::string& folder) {
     fmt::print("{} of the frames have pixels that look at the Moon outside the data: black, NaN or 65535 there\n",
                tally.incomplete);
   for (const auto& [text, frames] : tally.warnings) fmt::print("warning, of {} frames: {}\n", frames, text);
-  if (tally.bad > 0) fmt::print("{} lines can never become a frame: see the journal\n", tally.bad);
+  if (tally.bad > 0) fmt::print("{} lines can never become a frame: batch verify lists them\n", tally.bad);
   if (tally.failed > 0)
-    fmt::print("{} lines failed temporarily: see the journal, and run the same command again\n", tally.failed);
+    fmt::print("{} lines failed temporarily: see the warnings, and run the same command again\n", tally.failed);
+  if (tally.left_out > 0)
+    fmt::print("{} frames of tars with a line that failed are left to the next run\n", tally.left_out);
   if (tally.interrupted) fmt::print("interrupted: run the same command to continue\n");
 }
 
@@ -62,20 +61,17 @@ std::string line_with_name(const Manifest& manifest, const ManifestLine& line) {
   return api::json_line(request);
 }
 
-// Renames a damaged file, so that `batch` can write the frame in its place.
-void put_aside(const std::string& folder, const std::string& file) {
-  const std::string path = (fs::path(folder) / file).string();
-  if (fs::exists(path)) rename_on_disk(path, path + ".damaged");
-}
-
-// Writes the manifest of the lines to run again, and renames their damaged files.
+// Writes the manifest of the lines to run again, and renames damaged files, so that `batch` can write others in their
+// place.
 void write_rerun(const Manifest& manifest, const CheckResult& result, const BatchVerifySettings& settings) {
   std::string text;
   for (const LineNotDone& finding : result.not_done)
     if (!finding.is_bad) text += line_with_name(manifest, *finding.line);
   write_whole(settings.rerun, text);
-  for (const LineNotDone& finding : result.not_done)
-    if (!finding.file.empty()) put_aside(settings.output, finding.file);
+  for (const auto& [file, why] : result.damaged) {
+    const std::string path = in_folder(settings.output, file);
+    fs::rename(path, path + ".damaged");
+  }
 }
 
 }  // namespace
@@ -92,12 +88,10 @@ int batch(const BatchSettings& settings) {
                           .in_work = settings.in_work};
   if (options.in_work == 0) options.in_work = std::thread::hardware_concurrency() > 1 ? 2 : 1;
   stop_on_signal();
-  const Manifest manifest(settings.manifest, api::kMaxJsonDepth);
+  const Manifest manifest(settings.manifest);
   const auto renderer = make_renderer(settings.terrain);
   const api::Service service(renderer, settings.limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
-  const std::string made_by =
-      fmt::format("{} {:016x}", api::software_version(), renderer->terrain().catalogue().fingerprint());
-  const CampaignTally tally = run_campaign(manifest, service, made_by, options, stop);
+  const CampaignTally tally = run_campaign(manifest, service, options, stop);
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
   return tally.bad > 0 ? kBadLines : kAllDone;
@@ -105,8 +99,9 @@ int batch(const BatchSettings& settings) {
 
 int batch_verify(const BatchVerifySettings& settings) {
   set_up_log("info");
-  const Manifest manifest(settings.manifest, api::kMaxJsonDepth);
+  const Manifest manifest(settings.manifest);
   const CheckResult result = check_campaign(manifest, settings.output);
+  for (const auto& [file, why] : result.damaged) fmt::print(stderr, "damaged: {}\n", why);
   std::size_t bad = 0;
   for (const LineNotDone& finding : result.not_done) {
     fmt::print(stderr, "{}: line {} ({}): {}\n", finding.is_bad ? "bad" : "not done", finding.line->number,

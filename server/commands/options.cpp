@@ -135,10 +135,10 @@ void add_options(CLI::App& command, BatchSettings& s) {
       .add_option("manifest", s.manifest,
                   "Render the requests of this file: one per line, as for POST /v1/frames, with an optional \"name\"")
       ->type_name("MANIFEST.jsonl");
-  command.add_option("-o,--output", s.output, "Write frames and journals to this folder")->type_name("DIR");
+  command.add_option("-o,--output", s.output, "Write frames to this folder")->type_name("DIR");
   command
       .add_option("--shard", s.shard,
-                  "Render part I (from 0) of N of the manifest; parts have about the same amount of work")
+                  "Render part I (from 0) of N of the manifest; parts have the same number of lines, or of tars")
       ->type_name("I/N")
       ->capture_default_str();
   command
@@ -152,12 +152,8 @@ void add_options(CLI::App& command, BatchSettings& s) {
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
       ->capture_default_str();
   command.add_flag("--resume", s.resume,
-                   "Replace frames of other requests, software or terrain under the manifest's names in DIR, which are "
-                   "refused otherwise. Finished frames of this manifest are never rendered again");
-  command.add_flag(
-      "--coco", s.coco,
-      "Write the craters and rocks of all frames whose requests have \"labels\", when the part is done, as "
-      "COCO to DIR/coco-00000-of-00001.json. Only with --format npz and webdataset");
+                   "Replace files under the manifest's names in DIR that are not its frames with this software and "
+                   "this terrain; they are refused otherwise. Finished frames are never rendered again");
   command.add_option("--in-work", s.in_work, "Render this many frames at once; 0: two, or one on a single core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();

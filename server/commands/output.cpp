@@ -13,7 +13,8 @@
 #include <system_error>
 
 #include "api/message/json_text.h"
-#include "server/campaign/durable_files.h"
+#include "dem/base/error.h"
+#include "dem/files/whole_file.h"
 
 namespace selenograph::server {
 
@@ -76,9 +77,11 @@ void write_whole(const std::string& path, const std::string& bytes) {
     return;
   }
   try {
-    replace_on_disk(target_of(path).string(), bytes);
-  } catch (const std::system_error& error) {
-    refuse(path, error.code());
+    dem::WholeFile file(target_of(path).string());
+    file.write(bytes);
+    file.finish();
+  } catch (const SystemFault& fault) {
+    refuse(path, error_of(fault.code()));
   }
 }
 

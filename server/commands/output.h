@@ -8,7 +8,7 @@
 
 namespace selenograph::server {
 
-// Writes a file atomically and durably (replace_on_disk()); a symbolic link keeps its place, and its target is written.
+// Writes a file atomically and durably (dem::WholeFile); a symbolic link keeps its place, and its target is written.
 // Devices and pipes are written into. Standard output, by any name such as /dev/stdout, is appended to. Throws
 // std::runtime_error naming the file and the system's reason.
 void write_whole(const std::string& path, const std::string& bytes);

@@ -85,12 +85,7 @@ def run_case(manifest, folder, terrain, processes, threads, in_work):
         cpu_s += usage[2].ru_utime + usage[2].ru_stime
         assert process.returncode == 0, process.returncode
     seconds = time.monotonic() - started
-    frame_ms = []
-    for name in os.listdir(folder):
-        if name.startswith("journal-"):
-            with open(os.path.join(folder, name)) as file:
-                frame_ms += [json.loads(line)["ms"] for line in file if '"ms"' in line]
-    return seconds, sorted(frame_ms)[len(frame_ms) // 2], counts, cpu_s
+    return seconds, counts, cpu_s
 
 
 def main():
@@ -107,12 +102,12 @@ def main():
         write_manifest(manifest, options.frames, options.size, bounds(terrain))
         before = state(harness.path("cache"))
         print(f"{machine()}; {options.frames} frames of {options.size} x {options.size}\n")
-        print("| processes | threads each | in work each | frames a second | median ms of a frame | MB read a frame | "
-              "of these from disk | MB written a frame | CPU s a frame |\n|---|---|---|---|---|---|---|---|---|")
+        print("| processes | threads each | in work each | frames a second | MB read a frame | "
+              "of these from disk | MB written a frame | CPU s a frame |\n|---|---|---|---|---|---|---|---|")
         for processes, threads, in_work in CASES:
-            seconds, ms, counts, cpu_s = run_case(manifest, harness.path("out"), terrain, processes, threads, in_work)
+            seconds, counts, cpu_s = run_case(manifest, harness.path("out"), terrain, processes, threads, in_work)
             n = options.frames
-            print(f"| {processes} | {threads} | {in_work} | {n / seconds:.2f} | {ms:.1f} | {counts['rchar'] / n / 1e6:.2f} | "
+            print(f"| {processes} | {threads} | {in_work} | {n / seconds:.2f} | {counts['rchar'] / n / 1e6:.2f} | "
                   f"{counts['read_bytes'] / n / 1e6:.2f} | {counts['wchar'] / n / 1e6:.2f} | {cpu_s / n:.4f} |", flush=True)
         assert state(harness.path("cache")) == before, "a campaign changed the pyramid"
         print(f"\nload at the end: {' '.join(f'{x:.1f}' for x in os.getloadavg())}")

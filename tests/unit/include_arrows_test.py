@@ -56,7 +56,6 @@ LIBRARIES = [
     (r"OpenImageIO/", ["api/encode/encode_image"]),
     (r"zip\.h", ["api/"]),
     (r"nlohmann/", ["api/", "server/"]),
-    (r"openssl/", ["server/campaign/sha256"]),
     (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
     (r"xxhash", ["dem/base/hash"]),

@@ -27,8 +27,6 @@ MAJOR = VERSION.split(".")[0]
 STATED = {  # by file: the whole version, or the major one
     "CITATION.cff": (r"^version: (.+)$", VERSION),
     "deploy/campaigns/kubernetes/campaign.yaml": (r"image: .*/selenograph:(\S+)$", VERSION),
-    "deploy/campaigns/campaigns.md": (r'"made_by": "(\S+) ', VERSION),
-    "server/campaign/journal.h": (r'"made_by": "(\S+) ', VERSION),
     "api/versions.md": (r"`Server: selenograph/(\S+)`", VERSION),
     "api/clients/cpp/selenograph_client.hpp": (r"kServiceMajorVersion = (\d+);", MAJOR),
     "api/clients/matlab/selenograph_call.m": (r"MAJOR_VERSION = (\d+);", MAJOR),
