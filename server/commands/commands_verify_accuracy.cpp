@@ -15,7 +15,6 @@
 #include "engine/verify/accuracy_sweep.h"
 #include "engine/verify/closed_forms.h"
 #include "engine/verify/indirect_error.h"
-#include "server/commands/ask.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"

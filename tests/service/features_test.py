@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Craters as truth: POST /v1/features and `selenograph features` against the terrain, and against what frames see."""
+"""Craters as truth: POST /v1/features and `selenograph ask features` against the terrain, and against what frames see."""
 
 import contextlib
 import csv
@@ -11,7 +11,6 @@ import shutil
 import stat
 import subprocess
 import time
-import zipfile
 
 import numpy as np
 
@@ -591,49 +590,33 @@ class InFrames(WithFeatures):
 
 class CommandLine(WithFeatures):
     def features(self, *options, **others):
-        return run("features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
+        return run("ask", "features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
                    harness.path("assets"), *options, **others)
 
     def test_csv(self):
-        box = square(LAT, LON, 3000)
-        expected = self.service.post("/v1/features", {"detail": "large", "region": box, "smallest_m": 20}, "text/csv")[2].decode()
-        sides = [repr(box[side]) for side in ("south_deg", "north_deg", "west_deg", "east_deg")]
-        done = self.features("--detail", "large", "--region", *sides, "--smallest-m", "20")
-        self.assertEqual((done.returncode, done.stdout), (0, expected), done.stderr)
-        request = harness.write("region.json", {"detail": "large", "region": box, "smallest_m": 20})
-        done = self.features(request, "-o", harness.path("craters.csv"))
+        request = {"detail": "large", "region": square(LAT, LON, 3000), "smallest_m": 20}
+        expected = self.service.post("/v1/features", request, "text/csv")[2].decode()
+        done = self.features(harness.write("region.json", request), "-o", harness.path("craters.csv"))
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("craters.csv"), newline="") as file:
             self.assertEqual(file.read(), expected)
-        self.assertIn(f"{len(expected.splitlines()) - 1} craters", done.stdout)
+        self.assertIn(f"{len(expected)} bytes", done.stdout)
+        done = self.features("-", "-o", "-", input=json.dumps(request))
+        self.assertEqual(done.stdout, self.service.post("/v1/features", request)[2].decode())
 
     def test_refusals(self):
         request = harness.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
-        for options, words in (((), "is required"), (("--detail", "large"), "--region"), ((request,), "/detail"),
-                               ((request, "--detail", "large"), "REQUEST.json"), (("--coco", "x.json"), "--frame"),
-                               (("--coco", harness.path("x.json"), "--frame", harness.write("plain.json", frame_request())), "/detail")):
+        for options, words in (((), "required"), ((request,), "required"), ((request, "-o", "-"), "/detail"),
+                               ((request, "-o", harness.path("x.png")), "must end in one of .json, .csv for features")):
             done = self.features(*options)
             self.assertNotEqual(done.returncode, 0, options)
             self.assertIn(words, done.stderr, options)
-        self.assertFalse(os.path.exists(harness.path("x.json")))
-
-    def test_two_files_or_none(self):
-        region = harness.write("small.json", {"detail": "large", "region": square(LAT, LON, 1000)})
-        frame = harness.write("small-frame.json", self.frame())
-        for csv_name, coco_name, words in (("same.x", "same.x", "both"), ("same.x", os.path.join("..", "both", "same.x"), "both"),
-                                           ("a.csv", os.path.join("nowhere", "x.json"), "nowhere/x.json: cannot be written")):
-            folder = harness.path("both")
-            os.makedirs(folder, exist_ok=True)
-            done = self.features(region, "-o", os.path.join(folder, csv_name), "--frame", frame, "--coco",
-                                 os.path.join(folder, coco_name))
-            self.assertEqual(done.returncode, 1, done.stdout)
-            self.assertIn(words, done.stderr)
-            self.assertEqual(os.listdir(folder), [])
+        self.assertFalse(os.path.exists(harness.path("x.png")))
 
     def test_what_is_written_through(self):
         """A pipe stays one, and a link stays what it is: there or not, its file is written."""
         request = harness.write("through.json", {"detail": "large", "region": square(LAT, LON, 1000)})
-        expected = self.features(request).stdout
+        expected = self.service.post("/v1/features", {"detail": "large", "region": square(LAT, LON, 1000)}, "text/csv")[2].decode()
         pipe, link, target = (harness.path(name) for name in ("pipe.csv", "link.csv", "target.csv"))
         os.mkfifo(pipe)
         reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -660,196 +643,22 @@ class CommandLine(WithFeatures):
 
     def test_standard_output_by_its_name(self):
         """What else is written there stays, and what the command says goes elsewhere."""
-        request = harness.write("by-name.json", {"detail": "large", "region": square(LAT, LON, 1000)})
-        expected, path = self.features(request).stdout, harness.path("by-name.csv")
-        said = f": {len(expected.splitlines()) - 1} craters\n"
-        for mode, name, before in (("a", "/dev/stdout", "head\n"), ("w", "/dev/stdout", ""), ("a", path, "head\n"),
-                                   (None, "/dev/stdout", "")):
+        region = {"detail": "large", "region": square(LAT, LON, 1000)}
+        request, path = harness.write("by-name.json", region), harness.path("by-name.csv")
+        lists = {form: self.service.post("/v1/features", region, form)[2].decode() for form in ("text/csv", "application/json")}
+        for mode, name, before, form in (("a", "/dev/stdout", "head\n", "application/json"),
+                                         ("w", "-", "", "application/json"), ("a", path, "head\n", "text/csv"),
+                                         (None, "/dev/stdout", "", "application/json")):
             harness.write("by-name.csv", "head\n")
             with open(path, mode) if mode else contextlib.nullcontext(subprocess.PIPE) as file:
                 done = self.features(request, "-o", name, stdout=file)
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertTrue(done.stderr.endswith("\n" + name + said), done.stderr)
+            self.assertRegex(done.stderr, rf"{len(lists[form])} bytes\n$")
             if mode:
                 with open(path) as file:
-                    self.assertEqual(file.read(), before + expected)
+                    self.assertEqual(file.read(), before + lists[form])
             else:
-                self.assertEqual(done.stdout, expected)
-        frame = harness.write("by-name-frame.json", self.frame())
-        with open(path, "w") as file:
-            done = self.features(request, "--frame", frame, "-o", path, "--coco", "/dev/stdout", stdout=file)
-        self.assertEqual(done.returncode, 1)
-        self.assertIn("cannot be both", done.stderr)
-
-    def coco(self, request, *options):
-        done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        with open(harness.path("coco.json")) as file:
-            document = json.load(file)
-        self.check_format(document)
-        return document
-
-    def check_format(self, document):
-        """COCO's data format of object detection: https://cocodataset.org/#format-data."""
-        self.assertEqual(set(document), {"info", "licenses", "images", "categories", "annotations"})
-        images = {image["id"]: image for image in document["images"]}
-        categories = {category["id"] for category in document["categories"]}
-        for image in images.values():
-            self.assertTrue(type(image["width"]) is type(image["height"]) is type(image["id"]) is int)
-            self.assertIsInstance(image["file_name"], str)
-        for category in document["categories"]:
-            self.assertTrue(isinstance(category["name"], str) and isinstance(category["supercategory"], str))
-        ids = [annotation["id"] for annotation in document["annotations"]]
-        self.assertEqual(len(set(ids)), len(ids))
-        for annotation in document["annotations"]:
-            self.assertIs(type(annotation["id"]), int)
-            self.assertEqual(annotation["iscrowd"], 0)
-            self.assertIn(annotation["category_id"], categories)
-            image = images[annotation["image_id"]]
-            self.assertTrue(annotation["segmentation"])
-            if isinstance(annotation["segmentation"], dict):
-                self.check_mask(annotation, image)
-                continue
-            xs, ys, area = [], [], 0.0
-            for polygon in annotation["segmentation"]:
-                self.assertTrue(len(polygon) >= 6 and len(polygon) % 2 == 0)
-                x, y = np.array(polygon[0::2], dtype=float), np.array(polygon[1::2], dtype=float)
-                xs += x.tolist()
-                ys += y.tolist()
-                area += abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
-            self.assertTrue(0 <= min(xs) and max(xs) <= image["width"] and 0 <= min(ys) and max(ys) <= image["height"])
-            left, top, width, height = annotation["bbox"]
-            np.testing.assert_allclose([left, top, left + width, top + height], [min(xs), min(ys), max(xs), max(ys)], atol=2e-3)
-            self.assertLess(abs(annotation["area"] - area), 1e-2)
-            self.assertGreater(area, 0)
-
-    @staticmethod
-    def mask_of(annotation):
-        """As COCO's tools read run lengths: down the columns, of others and its own in turn."""
-        counts, size = annotation["segmentation"]["counts"], annotation["segmentation"]["size"]
-        flat = np.concatenate([np.full(n, i % 2 == 1) for i, n in enumerate(counts)])
-        return flat.reshape(size[::-1]).T
-
-    def check_mask(self, annotation, image):
-        mask = self.mask_of(annotation)
-        self.assertEqual(mask.shape, (image["height"], image["width"]))
-        self.assertTrue(all(n > 0 for n in annotation["segmentation"]["counts"][1:]))
-        self.assertEqual(annotation["area"], mask.sum())
-        y, x = np.nonzero(mask)
-        self.assertEqual(annotation["bbox"], [x.min(), y.min(), x.max() + 1 - x.min(), y.max() + 1 - y.min()])
-
-    def frame(self, height_m=4000.0, **changes):
-        ground = self.heights([(LAT, LON)], None)[0]
-        camera = {"model": "pinhole", "width": 320, "height": 240, "fov_deg": 40.0,
-                  "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.02, "p1": 0.001}}
-        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height_m}, "nadir": {"up_azimuth_deg": 30.0}}
-        return frame_request(("geodetic", "range"), **{"camera": camera, "pose": pose, "detail": "large", **changes})
-
-    def check_boxes(self, request, document):
-        """Each box holds the pixels whose ground lies within the rim, and they fill it."""
-        ground = self.service.arrays(request)["geodetic"]
-        rows, columns = ground.shape[:2]
-        lat, lon = ground[..., 0], ground[..., 1]
-        checked = 0
-        for a in document["annotations"]:
-            left, top, width, height = a["bbox"]
-            whole = left > 0 and top > 0 and left + width < columns and top + height < rows
-            if not whole or a["rim_visible"] < 1:
-                continue
-            away = np.hypot(lat - a["lat_deg"], (lon - a["lon_deg"]) * math.cos(math.radians(a["lat_deg"]))) * METRES_PER_DEGREE
-            y, x = np.nonzero(away <= a["diameter_m"] / 2)
-            # A pixel's centre is half a pixel from COCO's corner.
-            self.assertGreater(x.min() + 0.5, left - 1)
-            self.assertLess(x.max() + 0.5, left + width + 1)
-            self.assertGreater(y.min() + 0.5, top - 1)
-            self.assertLess(y.max() + 0.5, top + height + 1)
-            seen = [x.min(), y.min(), x.max() + 1, y.max() + 1]
-            self.assertLess(np.abs(np.subtract(seen, [left, top, left + width, top + height])).max(), 1.5, a)
-            self.assertLess(abs(a["area"] - len(x)), 0.5 * (width + height) + 2, a)
-            checked += 1
-        return checked
-
-    def test_boxes_from_above(self):
-        request = self.frame()
-        document = self.coco(request, "--image", "above.png", "--least-px", "6")
-        self.assertEqual(document["images"], [{"id": 1, "width": 320, "height": 240, "file_name": "above.png"}])
-        self.assertGreater(self.check_boxes(request, document), 10)
-        for a in document["annotations"]:
-            self.assertTrue(0 <= a["rim_visible"] <= 1)
-            self.assertGreaterEqual(a["depth_m"], 0.02 * a["diameter_m"])
-        # They are those of the region, with the same truth.
-        box = square(LAT, LON, 6000)
-        listed = {c["id"]: c for c in self.craters("large", box)}
-        for a in document["annotations"]:
-            crater = listed[a["crater_id"]]
-            self.assertEqual({name: a[name] for name in crater if name != "id"}, {n: v for n, v in crater.items() if n != "id"})
-        # And none is missing: large, deep and in the middle of the image.
-        ids = {a["crater_id"] for a in document["annotations"]}
-        pixel_m = 2 * 4000 * math.tan(math.radians(20)) / 320
-        for crater in listed.values():
-            away = math.hypot(crater["lat_deg"] - LAT, crater["lon_deg"] - LON) * METRES_PER_DEGREE
-            if crater["diameter_m"] > 8 * pixel_m and crater["depth_m"] > 0.02 * crater["diameter_m"] and away < 80 * pixel_m:
-                self.assertIn(crater["id"], ids)
-
-    def test_a_frame_that_says_which_counts(self):
-        """As in its own labels; the options are for one that says nothing. The document names what was used."""
-        request = {**self.frame(), "products": ["detail"]}
-        asked = {"smallest_px": 12, "min_depth_over_diameter": 0.04}
-        labelled = {**request, "craters": asked, "labels": True}
-        document = self.coco(labelled)
-        self.assertEqual(document["info"]["request"]["craters"], asked)
-        body = self.ok(self.service.frame(labelled, "application/x-npz"), "application/x-npz")
-        with zipfile.ZipFile(io.BytesIO(body)) as archive:
-            own = json.loads(archive.read("coco.json"))
-        self.assertGreater(len(own["annotations"]), 3)
-        self.assertEqual(document["annotations"], own["annotations"])
-        document = self.coco(request, "--least-px", "12", "--least-depth", "0.04")
-        self.assertEqual(document["info"]["request"]["craters"], asked)
-        self.assertEqual(document["annotations"], own["annotations"])
-
-    def test_boxes_at_a_slant(self):
-        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], None)[0] + 1500},
-                "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
-        request = self.frame(pose=pose)
-        document = self.coco(request)
-        self.assertGreater(self.check_boxes(request, document), 5)
-        # What the camera's foreground hides is not there, or not whole.
-        self.assertTrue(all(a["rim_visible"] > 0 or a["center_visible"] for a in document["annotations"]))
-
-    def test_pixels_of_rocks(self):
-        """Together the masks are the pixels on which the frame says that it shows a rock."""
-        near = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], "rocky")[0] + 40},
-                "nadir": {"up_azimuth_deg": 30.0}}
-        request = {**self.frame(detail="rocky", pose=near), "products": ["detail"]}
-        document = self.coco(request, "--least-px", "1")
-        self.assertEqual([c["name"] for c in document["categories"]], ["crater", "rock"])
-        rocks = [a for a in document["annotations"] if a["category_id"] == 2]
-        self.assertGreater(len(rocks), 20)
-        masks = np.sum([self.mask_of(a) for a in rocks], axis=0)
-        np.testing.assert_array_equal(masks, self.service.arrays(request)["detail"] == 3)
-        listed = {r["id"]: r for r in self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]}
-        for a in rocks:
-            rock = listed[a["rock_id"]]
-            for name in ("lat_deg", "lon_deg", "height_m", "diameter_m", "age_Ma"):
-                self.assertAlmostEqual(a[name], rock[name], delta=1e-9 * max(1, abs(rock[name])))
-        larger = [a for a in self.coco(request, "--least-px", "4")["annotations"] if a["category_id"] == 2]
-        self.assertEqual([a["rock_id"] for a in larger],
-                         [a["rock_id"] for a in rocks if 4 * a["area"] >= math.pi * 4**2])
-        # Of a part of the pixels, too: the list is the frame's.
-        part = self.coco({**request, "truth": {"every_px": 4}}, "--least-px", "1")["annotations"]
-        self.assertEqual([a["id"] for a in part if a["category_id"] == 2], [a["id"] for a in rocks])
-
-    def test_all_of_them_and_other_cameras(self):
-        few = self.coco(self.frame())["annotations"]
-        fewer = self.coco(self.frame(), "--least-depth", "0.06")["annotations"]
-        self.assertGreater(len(few), len(fewer))
-        self.assertLess({a["crater_id"] for a in fewer}, {a["crater_id"] for a in few})
-        fisheye = self.frame(800.0, camera={"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0})
-        document = self.coco(fisheye, "--least-px", "5")
-        self.assertGreater(self.check_boxes(fisheye, document), 5)
-        shutter = {"line_time_s": 0.001, "velocity_m_s": [0, 0, 1500]}
-        rolling = self.frame(shutter=shutter)
-        self.assertGreater(self.check_boxes(rolling, self.coco(rolling)), 5)
+                self.assertEqual(done.stdout, lists[form])
 
 
 if __name__ == "__main__":
