@@ -155,12 +155,6 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->type_name("PATTERN=POSTS|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
-  command
-      .add_option("--take-as-heights", s.take_as_heights,
-                  "Read rasters with that name (* and ? as in a shell) as heights in metres, regardless of their name, "
-                  "description and values")
-      ->type_name("PATTERN ...")
-      ->expected(1, 1 << 20);
   command.add_flag(
       "--strict", s.strict,
       "Treat a file in a DEM folder that is not a DEM, such as an orthoimage, as an error instead of a warning");

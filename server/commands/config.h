@@ -26,15 +26,14 @@ struct TerrainSettings {
   std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
   std::string cache_dir;         // see default_cache_dir()
   MemorySettings memory;
-  int threads = 0;                         // 0: all cores
-  std::string assets_dir;                  // folder of files that requests name; empty: none
-  std::vector<std::string> remote_prefix;  // prefixes of remote names that may be read; empty: none
-  std::size_t ground_disk_mb = 4096;       // disk space for ground with detail in the cache folder; 0: none
+  int threads = 0;                                     // 0: all cores
+  std::string assets_dir;                              // folder of files that requests name; empty: none
+  std::vector<std::string> remote_prefix;              // prefixes of remote names that may be read; empty: none
+  std::size_t ground_disk_mb = 4096;                   // disk space for ground with detail in the cache folder; 0: none
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
   std::vector<std::string> resolved_posts;             // "PATTERN=POSTS" or "PATTERN=fit"
-  std::vector<std::string> take_as_heights;            // names of rasters, as patterns: see dem::take_as_heights
   bool strict = false;                                 // treat a file in a DEM folder that is not a DEM as an error
   std::string log_level = "info";                      // debug, info, warning, error
 };
