@@ -200,7 +200,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string(selenograph::api::software_version()));
   app.require_subcommand(1);
   app.footer(
-      "Every option is also SELENOGRAPH_<OPTION> in the environment, and a member of the file given by --config:\n"
+      "Every option is also SELENOGRAPH_<OPTION> in the environment and, beside --config, a member of that file:\n"
       "precedence: command line, environment, file, default.");
   Settings settings;
   const Work work = add_commands(app, settings);

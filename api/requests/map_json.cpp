@@ -208,7 +208,8 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
 
 dem::MapGrid read_grid(const Json& body, const Limits& limits) {
   Findings findings;
-  const JsonReader in = JsonReader(body, findings).at("map");
+  const JsonReader root(body, findings);
+  const JsonReader in = root.at("map");  // refers to its parent
   const Assets no_assets;
   const auto area = area_members().read(in, {limits, no_assets, {}, {}});
   const auto grid = area && in.good() ? grid_of(in, *area, limits) : std::nullopt;

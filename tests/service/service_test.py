@@ -421,7 +421,7 @@ class Commands(unittest.TestCase):
     def test_a_file_of_settings_that_is_a_folder(self):
         done = run("info", "--dem", DEM, "--config", self.folder)
         self.assertNotEqual(done.returncode, 0)
-        self.assertIn(f"--config: File does not exist: {self.folder}", done.stderr)
+        self.assertIn(f"--config: File is actually a directory: {self.folder}", done.stderr)
 
     def test_seeds_of_64_bits(self):
         small = ("--rows", "1", "--columns", "1", "--ppd", "16", "--seed")
