@@ -182,21 +182,23 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
   }
   const Extent extent =
       area.bounds ? place_by_bounds(*area.bounds, area.gsd_m, grid.plane) : place_about_center(area, grid.plane);
-  const MapWindow whole{0, 0, static_cast<int>(std::min<double>(extent.width_px, kMaxSide_px)),
-                        static_cast<int>(std::min<double>(extent.height_px, kMaxSide_px))};
-  const MapWindow window = area.window.value_or(whole);
+  const MapWindow entire_map{0, 0, static_cast<int>(std::min<double>(extent.width_px, kMaxSide_px)),
+                             static_cast<int>(std::min<double>(extent.height_px, kMaxSide_px))};
+  const MapWindow window = area.window.value_or(entire_map);
   const auto max_pixels = static_cast<double>(limits.max_map_pixels);
-  const double width_px = area.window ? window.width_px : extent.width_px,
-               height_px = area.window ? window.height_px : extent.height_px;
-  if (extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px || width_px * height_px > max_pixels) {
+  const bool has_long_side = extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px;
+  const bool counts_window = area.window && !has_long_side;
+  const double width_px = counts_window ? window.width_px : extent.width_px,
+               height_px = counts_window ? window.height_px : extent.height_px;
+  if (has_long_side || width_px * height_px > max_pixels) {
     in.fail("gsd_m",
             fmt::format("the map would have {:.0f} x {:.0f} pixels, more than the {:.0f} allowed, or the {} along a "
                         "side",
                         width_px, height_px, max_pixels, kMaxSide_px));
     return std::nullopt;
   }
-  if (window.x_px + window.width_px > whole.width_px || window.y_px + window.height_px > whole.height_px) {
-    in.fail("window", fmt::format("is beyond the map's {} x {} pixels", whole.width_px, whole.height_px));
+  if (window.x_px + window.width_px > entire_map.width_px || window.y_px + window.height_px > entire_map.height_px) {
+    in.fail("window", fmt::format("is beyond the map's {} x {} pixels", entire_map.width_px, entire_map.height_px));
     return std::nullopt;
   }
   grid.west_m = extent.west_m + window.x_px * area.gsd_m;
