@@ -1,4 +1,4 @@
-// The service without HTTP: a request in, an answer out. server/ adds HTTP; `render` uses it directly, so that both
+// The service without HTTP: a request in, an answer out. server/ adds HTTP; `ask` uses it directly, so that both
 // give the same bytes.
 #pragma once
 

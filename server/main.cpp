@@ -1,5 +1,4 @@
-// The executable: `selenograph serve | render | lidar | map | horizons | illumination | features | batch | ingest |
-// sample | info | verify`.
+// The executable: `selenograph serve | ask | batch | ingest | sample | info | verify`.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -31,12 +30,7 @@ namespace api = selenograph::api;
 
 struct Settings {
   ServeSettings serve;
-  RenderSettings render;
-  LidarSettings lidar;
-  HorizonsSettings horizons;
-  IlluminationSettings illumination;
-  MapSettings map;
-  FeaturesSettings features;
+  AskSettings ask;
   BatchSettings batch;
   BatchVerifySettings batch_verify;
   TerrainSettings ingest;
@@ -56,8 +50,7 @@ CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpos
               int (*command)(const SettingsOfCommand&)) {
   CLI::App* app = parent.add_subcommand(name, purpose);
   add_options(*app, settings);
-  if (app->get_option_no_throw("--config") == nullptr)
-    app->footer("Every option is also SELENOGRAPH_<OPTION> in the environment; the command line has precedence.");
+  name_variables(*app);
   work[app] = [&settings, command] { return command(settings); };
   return *app;
 }
@@ -78,12 +71,7 @@ struct RequestFirst : CLI::Formatter {
 Work add_commands(CLI::App& app, Settings& s) {
   Work work;
   add(app, work, "serve", "Answer requests over HTTP", s.serve, serve);
-  add(app, work, "render", "Render one request to a file", s.render, render);
-  add(app, work, "lidar", "Scan the terrain with a lidar", s.lidar, lidar);
-  add(app, work, "map", "Draw a map, or a series of them, to files", s.map, map);
-  add(app, work, "horizons", "Find the horizons around a map's pixels or places", s.horizons, horizons);
-  add(app, work, "illumination", "Sum the light of Sun and Earth over a time span", s.illumination, illumination);
-  add(app, work, "features", "List the craters or rocks of a detail in a region or frame", s.features, features);
+  add(app, work, "ask", "Write the answer to one request to a file", s.ask, ask);
   CLI::App& campaign = add(app, work, "batch", "Render a manifest's frames to a folder", s.batch, batch);
   add(campaign, work, "verify", "Check that every frame of a manifest exists and is undamaged", s.batch_verify,
       batch_verify);
@@ -154,12 +142,26 @@ void print_usage(const CLI::App& app) {
   print_error(RequestFirst().make_usage(command, name));
 }
 
-// Completes the settings of the command that was parsed, and runs it. Returns its exit status.
+// Completes the settings of the command that was parsed from its configuration file, and runs it. Returns its exit
+// status.
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
-  complete_from_environment_and_file(*command, all_option_names(work), environment_variable);
+  complete_from_file(*command, all_option_names(work));
   return work.at(command)();
+}
+
+// Commands that `ask` has replaced, and its calls.
+constexpr std::pair<std::string_view, std::string_view> kFormerCommands[] = {
+    {"render", "frames"},     {"map", "maps"},          {"lidar", "lidar"},
+    {"horizons", "horizons"}, {"features", "features"}, {"illumination", "illumination"}};
+
+// Prints what takes the place of a former command. Returns false for any other word.
+bool print_successor(std::string_view word) {
+  const auto former = std::ranges::find(kFormerCommands, word, [](const auto& row) { return row.first; });
+  if (former == std::end(kFormerCommands)) return false;
+  print_error(fmt::format("selenograph {} is now: selenograph ask {} REQUEST.json -o OUT\n", word, former->second));
+  return true;
 }
 
 // Returns the status, or 1 if standard output cannot be written: stdio buffers short output until here.
@@ -183,6 +185,7 @@ int main(int argc, char** argv) {
   // A hidden command, for a child process of this executable.
   if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
     return selenograph::engine::read_mesh_as_child(argc, argv);
+  if (argc > 1 && print_successor(argv[1])) return 1;
   std::signal(SIGXFSZ, SIG_IGN);  // a file over the size limit then fails to be written, as on a full disk
   CLI::App app("Images of the Moon for navigation: frames with exact shadows, and ground truth for every pixel.",
                "selenograph");
@@ -190,7 +193,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string(selenograph::api::software_version()));
   app.require_subcommand(1);
   app.footer(
-      "Every option is also a member of the TOML file given by --config, and SELENOGRAPH_<OPTION> in the environment:\n"
+      "Every option is also SELENOGRAPH_<OPTION> in the environment and, beside --config, a member of that file:\n"
       "precedence: command line, environment, file, default.");
   Settings settings;
   const Work work = add_commands(app, settings);

@@ -180,21 +180,15 @@ void check_map_answer(const MapQuery& query, std::string_view media_type) {
   throw RequestError("invalid_request", what, {{"/products", what + "; image/tiff and application/x-npz hold all"}});
 }
 
-std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
-                       std::string_view media_type, const StopToken& stop) {
+std::string encode_map(const MapQuery& query, const engine::Map& map, OrderedJson meta, std::string_view media_type,
+                       const StopToken& stop) {
   check_map_answer(query, media_type);
-  OrderedJson meta = metadata(query, map.report, hash);
   if (media_type == "image/png") return encode_map_png(query, map.products, std::move(meta), stop);
   if (media_type == "application/x-npz")
     return encode_npz(
         map_arrays_of(map.products, query.request.products, query.request.grid.height, query.request.grid.width),
         json_text(meta, 2), stop);
   return dem::geotiff_bytes(query.request.grid, bands_of(query, map.products), json_ascii(meta), stop);
-}
-
-std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta) {
-  const dem::MapBand band{"illumination_fraction", "", fraction.data()};
-  return dem::geotiff_bytes(query.request.grid, {&band, 1}, json_ascii(meta), {});
 }
 
 }  // namespace selenograph::api

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -13,8 +12,7 @@
 
 namespace selenograph::api {
 
-// Media types of the answer, in the order of the server's preference. commands_map.cpp lists the file name extensions
-// in the same order.
+// Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kMapAnswers[] = {
     {"image/tiff",
      "GeoTIFF: a band for each product (three of normal), of the widest of their types; NoData is NaN, of source "
@@ -35,16 +33,13 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                          std::string_view media_type);
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash);
 
-// Returns the response's body. Throws RequestError when a PNG cannot hold the products (check_map_answer checks this
-// beforehand).
-std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
-                       std::string_view media_type, const StopToken& stop = {});
+// Returns the response's body with these metadata. Throws RequestError when a PNG cannot hold the products
+// (check_map_answer checks this beforehand).
+std::string encode_map(const MapQuery& query, const engine::Map& map, OrderedJson meta, std::string_view media_type,
+                       const StopToken& stop = {});
 // Throws RequestError if the media type cannot hold the products.
 void check_map_answer(const MapQuery& query, std::string_view media_type);
 // Returns true if a media type of kMapAnswers can hold the products.
 bool holds_map(const MapQuery& query, std::string_view media_type);
-
-// Returns the mean of `lit` over a series as a GeoTIFF with one band `illumination_fraction`.
-std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta);
 
 }  // namespace selenograph::api

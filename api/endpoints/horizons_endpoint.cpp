@@ -15,8 +15,9 @@ Response answer_by(const EndpointContext& context, const auto& query, std::span<
                                                     : "places are not answered as image/tiff");
   context.memory.claim_work(bytes_of(query), query.pointer(), context.stop);
   const auto found = with_refusals_at(kMembers, query.pointer(), [&] {
-    return context.renderer.query(query.detail.content, MapErrorQuery::of(query.map_error), context.stop,
-                                  [&](const engine::RenderContext& rendering) { return find(query, rendering); });
+    return context.renderer.query(
+        query.detail.content, MapErrorQuery::of(query.map_error), context.stop,
+        [&](const engine::RenderContext& rendering) { return find(query, rendering, context.request.on_progress); });
   });
   return negotiated(context, media_type, encode(query, found, media_type, context.stop));
 }

@@ -18,9 +18,10 @@ constexpr MemberPointer kRefusableOfMap[] = {
 engine::Map render_map(const MapQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusableOfMap, "/map", [&] {
-      return context.renderer.query(
-          query.request.scenery.detail, MapErrorQuery::of(query.map_error), context.stop,
-          [&](const engine::RenderContext& rendering) { return engine::render_map(query.request, rendering); });
+      return context.renderer.query(query.request.scenery.detail, MapErrorQuery::of(query.map_error), context.stop,
+                                    [&](const engine::RenderContext& rendering) {
+                                      return engine::render_map(query.request, rendering, context.request.on_progress);
+                                    });
     });
   } catch (const TooMuchWork& e) {
     refuse_work(e, "/map", context.limits);
@@ -49,7 +50,9 @@ Response answer_maps(const EndpointContext& context) {
   context.stop.check();
   watch.lap_ms();  // the lap of encoding begins here: the renderer has measured its own stages
   response.content_type = media_type;
-  response.body = encode_map(query, map, hash, media_type, context.stop);
+  OrderedJson meta = metadata(query, map.report, hash);
+  add_warnings(response, meta.at("warnings"));
+  response.body = encode_map(query, map, std::move(meta), media_type, context.stop);
   // Remove the ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.
   if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
   if (map.report.missing_fraction > 0)
@@ -67,7 +70,8 @@ void describe_maps(Operation& o) {
       "If-None-Match is answered with 304 as for frames.");
   o.may_be_not_modified("The client has this map already");
   o.body("/v1/maps", map_members());
-  o.answer_as_accepted(kMapAnswers, "", {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"});
+  o.answer_as_accepted(kMapAnswers, "",
+                       {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction", "Selenograph-Warnings"});
 }
 
 }  // namespace selenograph::api

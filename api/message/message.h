@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -25,6 +26,7 @@ struct Request {
   std::string client;  // identity in the queue: `peer`, or "token NAME" as named by a proxy
   std::chrono::steady_clock::time_point received = std::chrono::steady_clock::now();
   const std::atomic<bool>* abandoned = nullptr;  // becomes true when the client has disconnected
+  std::function<void(double)> on_progress{};     // called with the share that is done of a map or of horizons
 };
 
 // Duration of a stage of the work on a request, as in the header Server-Timing.

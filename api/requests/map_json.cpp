@@ -69,6 +69,18 @@ const Members<MapBounds>& bounds_members() {
 namespace {
 
 constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
+constexpr int kMaxSide_px = 65500;  // the longest side of a PNG that common libraries read
+
+const Members<MapWindow>& window_members() {
+  static const auto members = make_table<Members<MapWindow>>(
+      "MapWindow", "A rectangle of a map's pixels, as in the answer to the entire map.", [](auto& m) {
+        m.add("x_px", &MapWindow::x_px, Integer{0, kMaxSide_px}, "columns of the map west of it").required();
+        m.add("y_px", &MapWindow::y_px, Integer{0, kMaxSide_px}, "rows of the map north of it").required();
+        m.add("width_px", &MapWindow::width_px, Integer{1, kMaxSide_px}, "its columns").required();
+        m.add("height_px", &MapWindow::height_px, Integer{1, kMaxSide_px}, "its rows").required();
+      });
+  return *members;
+}
 
 }  // namespace
 
@@ -97,6 +109,8 @@ const Members<MapArea>& area_members() {
         m.add("standard_parallel_deg", &MapArea::standard_parallel_deg, Number{kStandardParallel_deg, "deg"},
               "latitude where a pixel is gsd_m wide; left out: 0 with bounds, the centre's with center")
             .only_for({"equirectangular"});
+        m.add("window", &MapArea::window, Object{window_members()},
+              "answer only these pixels of the map: a tile of a map that is too large for one answer");
         m.exactly_one({"bounds", "center"});
         m.excludes("bounds", {"width_m", "height_m"}, "they say the size");
         m.needs("center", {"width_m"});
@@ -168,21 +182,41 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
   }
   const Extent extent =
       area.bounds ? place_by_bounds(*area.bounds, area.gsd_m, grid.plane) : place_about_center(area, grid.plane);
-  constexpr double kMaxSide_px = 65500;  // the longest side of a PNG that common libraries read
+  const MapWindow entire_map{0, 0, static_cast<int>(std::min<double>(extent.width_px, kMaxSide_px)),
+                             static_cast<int>(std::min<double>(extent.height_px, kMaxSide_px))};
+  const MapWindow window = area.window.value_or(entire_map);
   const auto max_pixels = static_cast<double>(limits.max_map_pixels);
-  if (extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px ||
-      extent.width_px * extent.height_px > max_pixels) {
+  const bool has_long_side = extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px;
+  const bool counts_window = area.window && !has_long_side;
+  const double width_px = counts_window ? window.width_px : extent.width_px,
+               height_px = counts_window ? window.height_px : extent.height_px;
+  if (has_long_side || width_px * height_px > max_pixels) {
     in.fail("gsd_m",
-            fmt::format("the map would have {:.0f} x {:.0f} pixels, more than the {:.0f} allowed, or the {:.0f} "
-                        "along a side",
-                        extent.width_px, extent.height_px, max_pixels, kMaxSide_px));
+            fmt::format("the map would have {:.0f} x {:.0f} pixels, more than the {:.0f} allowed, or the {} along a "
+                        "side",
+                        width_px, height_px, max_pixels, kMaxSide_px));
     return std::nullopt;
   }
-  grid.west_m = extent.west_m;
-  grid.north_m = extent.north_m;
-  grid.width = static_cast<int>(extent.width_px);
-  grid.height = static_cast<int>(extent.height_px);
+  if (window.x_px + window.width_px > entire_map.width_px || window.y_px + window.height_px > entire_map.height_px) {
+    in.fail("window", fmt::format("is beyond the map's {} x {} pixels", entire_map.width_px, entire_map.height_px));
+    return std::nullopt;
+  }
+  grid.west_m = extent.west_m + window.x_px * area.gsd_m;
+  grid.north_m = extent.north_m - window.y_px * area.gsd_m;
+  grid.width = window.width_px;
+  grid.height = window.height_px;
   return grid;
+}
+
+dem::MapGrid read_grid(const Json& body, const Limits& limits) {
+  Findings findings;
+  const JsonReader root(body, findings);
+  const JsonReader in = root.at("map");  // refers to its parent
+  const Assets no_assets;
+  const auto area = area_members().read(in, {limits, no_assets, {}, {}});
+  const auto grid = area && in.good() ? grid_of(in, *area, limits) : std::nullopt;
+  findings.throw_if_any();
+  return *grid;
 }
 
 // --- viewer

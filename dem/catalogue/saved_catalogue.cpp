@@ -14,7 +14,6 @@
 #include "dem/base/error.h"
 #include "dem/base/hash.h"
 #include "dem/files/files.h"
-#include "dem/files/quantity.h"
 #include "dem/files/whole_file.h"
 #include "dem/gdal/raster.h"
 
@@ -209,7 +208,6 @@ std::string key_of(const std::vector<std::string>& paths) {
     std::error_code ignored;
     key += fs::absolute(path, ignored).string() + '\0' + path + '\0';
   }
-  for (const std::string& pattern : patterns_taken_as_heights()) key += "heights" + pattern + '\0';
   return key;
 }
 

@@ -33,7 +33,7 @@ class SavedCatalogue {
   SavedCatalogue(const SavedCatalogue&) = delete;
   SavedCatalogue& operator=(const SavedCatalogue&) = delete;
 
-  // Reads the file for these paths and for patterns_taken_as_heights(); call it once, before the other functions. If
+  // Reads the file for these paths; call it once, before the other functions. If
   // `cache_dir` is empty, nothing is read or saved. Throws nothing but std::bad_alloc.
   void read(const std::string& cache_dir, const std::vector<std::string>& paths, Log log);
 

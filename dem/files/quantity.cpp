@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <utility>
 
 #include "dem/base/names.h"
 
@@ -108,11 +107,6 @@ bool is_nac_image(std::string_view word) {
   return word.front() == 'm' && (number.size() == 9 || number.size() == 10);
 }
 
-std::vector<std::string>& heights_patterns() {
-  static std::vector<std::string> patterns;
-  return patterns;
-}
-
 }  // namespace
 
 std::string_view quantity_in_words(std::string_view text) {
@@ -136,22 +130,9 @@ std::string_view quantity_in_name(std::string_view path) {
   return found;
 }
 
-void take_as_heights(std::vector<std::string> patterns) { heights_patterns() = std::move(patterns); }
-
-const std::vector<std::string>& patterns_taken_as_heights() { return heights_patterns(); }
-
-bool is_taken_as_heights(const std::string& path) {
-  return std::ranges::any_of(heights_patterns(),
-                             [&](const std::string& pattern) { return name_matches(path, pattern); });
-}
-
-std::string how_to_override(std::string_view path) {
-  return fmt::format("If it does hold heights in metres: --take-as-heights '{}'", name_of(path));
-}
-
 SideRaster::SideRaster(const std::string& path, std::string_view quantity, std::string_view origin)
     : NotHeights(path, fmt::format("is a side layer, not heights: by {} it holds {}. {}", origin, quantity,
-                                   how_to_override(path))),
+                                   kHowToDeclareHeights)),
       quantity_(quantity) {}
 
 }  // namespace selenograph::dem

@@ -3,7 +3,6 @@
 
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "dem/base/error.h"
 
@@ -18,14 +17,9 @@ std::string_view quantity_in_words(std::string_view text);
 // "Site01_surf_slp.tif".
 std::string_view quantity_in_name(std::string_view path);
 
-// Sets the patterns of names of files (as in a shell, with or without extension) that hold heights regardless of their
-// words and values. Process-wide: call it before files are opened.
-void take_as_heights(std::vector<std::string> patterns);
-const std::vector<std::string>& patterns_taken_as_heights();
-bool is_taken_as_heights(const std::string& path);
-
-// Returns the advice in errors about rasters that do not look like heights.
-std::string how_to_override(std::string_view path);
+// Advice in errors about rasters that do not look like heights.
+inline constexpr std::string_view kHowToDeclareHeights =
+    "If it does hold heights in metres, describe its band as \"height\": see dem/files/products.md";
 
 // Thrown for a raster whose words say that it holds another quantity next to the heights of a product, e.g. their
 // errors.

@@ -97,7 +97,7 @@ void check_values(const RasterInfo& info, SparseHeights sparse) {
   if (problem.empty()) problem = flatness_problem(heights_m, info.post_spacing_m * std::max(info.width, info.height));
   if (problem.empty()) problem = steepness_problem(sparse.steps_m, info.post_spacing_m);
   if (!problem.empty())
-    throw NotHeights(info.path, fmt::format("does not look like heights: {}. {}", problem, how_to_override(info.path)));
+    throw NotHeights(info.path, fmt::format("does not look like heights: {}. {}", problem, kHowToDeclareHeights));
 }
 
 }  // namespace selenograph::dem

@@ -156,12 +156,6 @@ void set_post_grid(RasterInfo& info, const PostGrid& grid) {
   set_grid(info, grid);
 }
 
-// Returns true if the samples must be checked to look like heights: the raster was not inspected before, and the
-// operator has not declared it as heights.
-bool is_judged(const std::string& path, const RasterReading& reading) {
-  return !reading.inspected && !is_taken_as_heights(path);
-}
-
 // Throws NotHeights if the data file has a better label: one of its own name that also names it. LDEM_4.LBL and
 // LDEM_4_JP2.LBL, for example, place LDEM_4.IMG 180 degrees apart.
 void check_label_is_its_own(const std::string& label_path, const std::string& data_path) {
@@ -179,7 +173,7 @@ RasterFile describe_labelled_file(const std::string& label_path, const RasterRea
   const FileState label = must_exist(label_path, label_path);
   const RawImage image = describe_labelled(label_path);
   check_label_is_its_own(label_path, image.data_path);
-  if (is_judged(label_path, reading))
+  if (!reading.inspected)
     check_words(label_path, {{image.quantity, "its label"}}, {label_path, image.data_path, image.product});
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
   const bool gone = reading.damage == Damage::describe && !file_state(image.data_path);
@@ -348,7 +342,7 @@ RasterFile describe_gdal(const std::string& path, const RasterReading& reading) 
   } else {
     note_files(s, state);
   }
-  const bool judged = is_judged(path, reading);
+  const bool judged = !reading.inspected;
   GDALRasterBand* first = s.dataset->GetRasterCount() > 0 ? s.dataset->GetRasterBand(1) : nullptr;
   std::string_view quantity;
   if (judged) quantity = check_words(path, {{first ? first->GetDescription() : "", "its band's description"}}, {path});

@@ -6,42 +6,21 @@
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
-#include "engine/frame/rims.h"
 #include "engine/verify/round_trip.h"
-#include "server/commands/ask.h"
 #include "server/commands/config.h"
 
 namespace selenograph::server {
 
-struct RenderSettings : RequestSettings {};
-struct LidarSettings : RequestSettings {};  // .npz or .json
-
-// A request about the pixels of a map or about places. A large map is answered tile by tile.
-struct TiledSettings : RequestSettings {
-  int tile_px = 0;            // side of a tile; 0: `output` is a single file, else a folder
+struct AskSettings {
+  TerrainSettings terrain;
+  std::string call;           // one of ask_calls()
+  std::string request;        // path, "-": stdin
+  std::string output;         // path whose suffix is the format, or a folder of tiles; "-": stdout
+  int tile_px = 0;            // side of a map's tiles; 0: no tiles
   std::string shard = "0/1";  // I/N of the tiles, I from 0
 };
-struct HorizonsSettings : TiledSettings {};      // .tif, .npz or .json
-struct IlluminationSettings : TiledSettings {};  // .tif, .npz, .json or .csv
-
-struct MapSettings {
-  TerrainSettings terrain;
-  std::string request;           // path, "-": stdin
-  std::string output;            // its extension is the format
-  std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: a single map
-};
-
-struct FeaturesSettings {
-  TerrainSettings terrain;
-  std::string request;         // path, "-": stdin; empty: the next three members instead
-  std::string detail;          // a preset's name
-  std::vector<double> region;  // south, north, west, east, degrees
-  std::optional<double> smallest_m;
-  std::string output = "-";  // CSV; "-": stdout
-  std::string coco, frame;   // COCO file to write, and the request of its frame; empty: none
-  std::string image;         // file name of the frame's image; empty: the frame's name with .png
-  engine::RimOptions rims;
-};
+// Returns the calls of the API that have a body: "frames" for POST /v1/frames.
+std::vector<std::string> ask_calls();
 
 struct BatchSettings {
   TerrainSettings terrain;
@@ -98,12 +77,7 @@ struct VerifyMertisSettings {
   std::string output;      // folder
 };
 
-void add_options(CLI::App& command, RenderSettings& settings);
-void add_options(CLI::App& command, LidarSettings& settings);
-void add_options(CLI::App& command, HorizonsSettings& settings);
-void add_options(CLI::App& command, IlluminationSettings& settings);
-void add_options(CLI::App& command, MapSettings& settings);
-void add_options(CLI::App& command, FeaturesSettings& settings);
+void add_options(CLI::App& command, AskSettings& settings);
 void add_options(CLI::App& command, BatchSettings& settings);
 void add_options(CLI::App& command, BatchVerifySettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
@@ -113,12 +87,7 @@ void add_options(CLI::App& command, VerifyAccuracySettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
-int render(const RenderSettings& settings);
-int lidar(const LidarSettings& settings);
-int horizons(const HorizonsSettings& settings);
-int illumination(const IlluminationSettings& settings);
-int map(const MapSettings& settings);
-int features(const FeaturesSettings& settings);
+int ask(const AskSettings& settings);
 int batch(const BatchSettings& settings);
 int batch_verify(const BatchVerifySettings& settings);
 int ingest(const TerrainSettings& settings);

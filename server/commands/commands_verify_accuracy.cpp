@@ -10,7 +10,6 @@
 #include "api/assets/assets.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
-#include "server/commands/ask.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"

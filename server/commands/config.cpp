@@ -2,14 +2,13 @@
 
 #include <arpa/inet.h>
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <cstdlib>
-#include <filesystem>
+#include <fstream>
 #include <map>
 #include <stdexcept>
 
@@ -20,114 +19,12 @@
 namespace selenograph::server {
 namespace {
 
-using Values = std::map<std::string, std::vector<std::string>>;
-
 // Options that neither the environment nor a file can set.
 const std::set<std::string> kNotSettings{"help", "version", "config"};
-
-// Returns a TOML value as text, in which the command line would have it. `where` names it in errors.
-std::string scalar_text(const toml::node& node, const std::string& where) {
-  if (const auto* text = node.as_string()) return text->get();
-  if (const auto* number = node.as_integer()) return std::to_string(number->get());
-  if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
-  if (const auto* number = node.as_floating_point()) {
-    std::ostringstream text;
-    text.precision(17);  // enough digits for every double
-    text << number->get();
-    return text.str();
-  }
-  throw CLI::ValidationError(where, "must be a string, a number, true, false, or a list of these");
-}
-
-// Reads the members of a TOML file as text. Throws CLI::ValidationError naming the file and the member.
-Values read_file(const std::string& path, const std::set<std::string>& all_options) {
-  if (std::error_code ignored; std::filesystem::is_directory(path, ignored))
-    throw CLI::ValidationError(path, "is a folder");
-  const toml::parse_result parsed = [&] {
-    try {
-      return toml::parse_file(path);
-    } catch (const toml::parse_error& e) {
-      std::ostringstream what;
-      what << e.description() << " (line " << e.source().begin.line << ')';
-      throw CLI::ValidationError(path, what.str());
-    }
-  }();
-  Values values;
-  for (const auto& [key, node] : parsed) {
-    const std::string name(key.str()), where = path + ": " + name;
-    if (!all_options.count(name)) throw CLI::ValidationError(where, "is not an option of any command");
-    if (const toml::array* list = node.as_array()) {
-      values[name];  // an empty list is a setting, too
-      for (const toml::node& item : *list) values[name].push_back(scalar_text(item, where));
-    } else {
-      values[name] = {scalar_text(node, where)};
-    }
-  }
-  return values;
-}
-
-bool is_list(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
-
-// Returns true if a colon belongs to a URL in the item that begins at `from`: it is before "//", or before the port.
-bool is_in_url(const std::string& text, std::size_t from, std::size_t colon) {
-  if (text.compare(colon + 1, 2, "//") == 0) return true;
-  const std::size_t host = text.rfind("://", colon);
-  return host != std::string::npos && host >= from && text.find('/', host + 3) > colon && colon + 1 < text.size() &&
-         std::isdigit(static_cast<unsigned char>(text[colon + 1]));
-}
-
-// Returns true if a colon belongs to an address in brackets, with which the item at `from` begins: "[fd00::1]".
-bool is_bracketed(const std::string& text, std::size_t from, std::size_t colon) {
-  return text[from] == '[' && text.find(']', from) != std::string::npos && text.find(']', from) > colon;
-}
-
-// Splits a list at colons, like PATH.
-std::vector<std::string> split_list(const std::string& text) {
-  std::vector<std::string> parts;
-  for (std::size_t from = 0; from < text.size();) {
-    std::size_t colon = text.find(':', from);
-    while (colon != std::string::npos && (is_in_url(text, from, colon) || is_bracketed(text, from, colon)))
-      colon = text.find(':', colon + 1);
-    const std::size_t end = std::min(colon, text.size());
-    if (end > from) parts.push_back(text.substr(from, end - from));
-    from = end + 1;
-  }
-  return parts;
-}
-
-// Returns the text of an error. CLI11 reports "not in range" for text that is not a number, too.
-std::string error_text(const CLI::Option& option, const std::string& value, const CLI::ParseError& error) {
-  const std::string type = option.get_type_name();
-  const bool is_integer = type.find("INT") != std::string::npos;
-  if (!is_integer && type.find("FLOAT") == std::string::npos) return error.what();
-  double number = 0;
-  if (!CLI::detail::lexical_cast(value, number)) return value + " is not a number";
-  return is_integer && number != std::floor(number) ? value + " is not a whole number" : error.what();
-}
-
-// Sets an option from the environment or a file; `origin` names the source in errors.
-void set_option(CLI::Option& option, const std::vector<std::string>& values, const std::string& origin) {
-  if (values.size() != 1 && !is_list(option)) throw CLI::ValidationError(origin, "takes one value");
-  if (values.empty()) return;
-  try {
-    option.add_result(values);
-    option.run_callback();
-  } catch (const CLI::ParseError& e) {
-    throw CLI::ValidationError(origin, error_text(option, values.front(), e));
-  }
-}
 
 // Returns an option's name without "--"; empty for a positional one.
 std::string long_name(const CLI::Option& option) {
   return option.get_lnames().empty() ? std::string() : option.get_lnames().front();
-}
-
-// Returns the path of the configuration file; empty: none.
-std::string config_path(CLI::App& command, const ReadVariable& variable) {
-  const CLI::Option* option = command.get_option_no_throw("--config");
-  if (!option) return {};
-  if (option->count() > 0) return option->as<std::string>();
-  return variable("SELENOGRAPH_CONFIG").value_or("");
 }
 
 // Adds options of files, folders and memory.
@@ -135,7 +32,9 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   // MemoryPlan decides (memory_plan.h).
   const std::string memory_default = "; default: a share of the memory, at most 1024";
   s.cache_dir = default_cache_dir();
-  command.add_option("--config", "Read options from this TOML file, e.g. cache-mb = 2048")->type_name("FILE");
+  command.add_option("--config", "Read options from this file, with lines such as cache-mb = 2048")
+      ->type_name("FILE")
+      ->check(CLI::ExistingFile);
   command.add_option("--dem", s.dem, "Use these DEM files and folders; default: sample terrain")
       ->type_name("PATH ...")
       ->expected(1, 1 << 20);
@@ -157,9 +56,6 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
           "Limit the memory for reading one object mesh, and for cached meshes, star catalogues and other assets, MiB" +
               memory_default)
       ->check(CLI::Range(16, 1 << 24));
-  command.add_option("--mesh-s", s.mesh_s, "Limit the time for reading one mesh")
-      ->check(number_in(0.1, 86400.0))
-      ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Keep pyramids in this folder")
       ->type_name("DIR")
       ->capture_default_str();
@@ -258,12 +154,6 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->type_name("PATTERN=POSTS|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
-  command
-      .add_option("--take-as-heights", s.take_as_heights,
-                  "Read rasters with that name (* and ? as in a shell) as heights in metres, regardless of their name, "
-                  "description and values")
-      ->type_name("PATTERN ...")
-      ->expected(1, 1 << 20);
   command.add_flag(
       "--strict", s.strict,
       "Treat a file in a DEM folder that is not a DEM, such as an orthoimage, as an error instead of a warning");
@@ -384,19 +274,25 @@ std::set<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-void complete_from_environment_and_file(CLI::App& command, const std::set<std::string>& all_options,
-                                        const ReadVariable& variable) {
-  const std::string path = config_path(command, variable);
-  const Values file = path.empty() ? Values{} : read_file(path, all_options);
+void name_variables(CLI::App& command) {
   for (CLI::Option* option : command.get_options()) {
     const std::string name = long_name(*option);
-    if (name.empty() || kNotSettings.count(name) || option->count() > 0) continue;
-    const std::string environment_name = variable_name(name);
-    if (const auto value = variable(environment_name)) {
-      set_option(*option, is_list(*option) ? split_list(*value) : std::vector{*value}, environment_name);
-    } else if (const auto found = file.find(name); found != file.end()) {
-      set_option(*option, found->second, path + ": " + name);
-    }
+    if (!name.empty() && name != "help") option->envname(variable_name(name));
+  }
+}
+
+void complete_from_file(CLI::App& command, const std::set<std::string>& all_options) {
+  const CLI::Option* option = command.get_option_no_throw("--config");
+  if (!option || option->count() == 0) return;
+  const auto path = option->as<std::string>();
+  try {
+    for (const CLI::ConfigItem& item : command.get_config_formatter()->from_file(path))
+      if (!all_options.contains(item.fullname()))
+        throw CLI::ValidationError(item.fullname(), "is not an option of any command");
+    std::ifstream file(path);
+    command.parse_from_stream(file);  // sets only options that are empty so far
+  } catch (const CLI::ParseError& e) {
+    throw CLI::ValidationError(path, e.what());
   }
 }
 

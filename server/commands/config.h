@@ -3,7 +3,6 @@
 
 #include <chrono>
 #include <cstddef>
-#include <functional>
 #include <optional>
 #include <set>
 #include <string>
@@ -11,7 +10,6 @@
 
 #include "api/message/limits.h"
 #include "dem/posts/layer_joins.h"
-#include "engine/visibility/meshes/mesh_reader.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
 #include "server/service/pages.h"
@@ -28,16 +26,14 @@ struct TerrainSettings {
   std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
   std::string cache_dir;         // see default_cache_dir()
   MemorySettings memory;
-  int threads = 0;                         // 0: all cores
-  std::string assets_dir;                  // folder of files that requests name; empty: none
-  std::vector<std::string> remote_prefix;  // prefixes of remote names that may be read; empty: none
-  std::size_t ground_disk_mb = 4096;       // disk space for ground with detail in the cache folder; 0: none
-  double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
+  int threads = 0;                                     // 0: all cores
+  std::string assets_dir;                              // folder of files that requests name; empty: none
+  std::vector<std::string> remote_prefix;              // prefixes of remote names that may be read; empty: none
+  std::size_t ground_disk_mb = 4096;                   // disk space for ground with detail in the cache folder; 0: none
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
   std::vector<std::string> resolved_posts;             // "PATTERN=POSTS" or "PATTERN=fit"
-  std::vector<std::string> take_as_heights;            // names of rasters, as patterns: see dem::take_as_heights
   bool strict = false;                                 // treat a file in a DEM folder that is not a DEM as an error
   std::string log_level = "info";                      // debug, info, warning, error
 };
@@ -71,19 +67,19 @@ std::chrono::milliseconds milliseconds(double seconds);
 // Returns $XDG_CACHE_HOME/selenograph, else ~/.cache/selenograph, else /tmp/selenograph-cache.
 std::string default_cache_dir();
 
-using ReadVariable = std::function<std::optional<std::string>(const std::string& name)>;
 std::optional<std::string> environment_variable(const std::string& name);
 
 // Returns an option's name in the environment: SELENOGRAPH_CACHE_MB for "cache-mb".
 std::string variable_name(const std::string& option);
 
-// Sets every option of a parsed `command` that was not on the command line from the environment or, failing that, from
-// the TOML file named by --config or SELENOGRAPH_CONFIG. (In CLI11, the file has precedence over the environment.)
-//  - Lists (`dem`) are separated by ':' in the environment ("[fd00::1]" is one item), arrays in the file.
-//  - `all_options` holds the options of all commands: one file may serve them all. Any other member is an error.
-// Throws CLI::ParseError (as the command line does) naming the variable, or file and member.
-void complete_from_environment_and_file(CLI::App& command, const std::set<std::string>& all_options,
-                                        const ReadVariable& variable);
+// Lets the environment set each option of a command that is not on the command line. A list is written [a,b].
+void name_variables(CLI::App& command);
+
+// Sets every option of a parsed command that neither the command line nor the environment has set from the file named
+// by --config, in CLI11's subset of TOML: name = value, lists as arrays, no sections. `all_options` holds the options
+// of all commands, since one file may serve them all; any other member is an error. Throws CLI::ParseError naming the
+// file.
+void complete_from_file(CLI::App& command, const std::set<std::string>& all_options);
 
 // Returns the long option names of a command, without "--" and without help, version and config.
 std::set<std::string> option_names(const CLI::App& command);

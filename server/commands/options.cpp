@@ -29,103 +29,33 @@ std::string refusal_of_seed(const std::string& text) {
              : std::string();
 }
 
-// Adds the options of a command that writes one endpoint's answer.
-void add_request_options(CLI::App& command, RequestSettings& s, const std::string& path, const std::string& output) {
-  command.add_option("request", s.request, "Read JSON as for POST " + path + " from this file; -: standard input")
+}  // namespace
+
+void add_options(CLI::App& command, AskSettings& s) {
+  command.add_option("call", s.call, "Answer POST /v1/CALL")
+      ->required()
+      ->type_name("CALL")
+      ->check(CLI::IsMember(ask_calls()));
+  command
+      .add_option("request", s.request, "Read the request's JSON, or arrays as .npz, from this file; -: standard input")
       ->required()
       ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, output)->required()->type_name("OUT");
-  add_options(command, s.terrain);
-}
-
-void add_tile_options(CLI::App& command, TiledSettings& s) {
+  command
+      .add_option("-o,--output", s.output,
+                  "Write the answer to this file, whose suffix is one of the call's formats, such as .npz; -: standard "
+                  "output")
+      ->required()
+      ->type_name("OUT");
   auto* tiles =
       command
           .add_option("--tile-px", s.tile_px,
-                      "Write a map as tiles of this side into the folder OUT, and map.vrt once all exist. Tiles that "
-                      "exist are not made again")
-          ->check(CLI::Range(16, 512));
+                      "Write the request's map as tiles of this side into the folder OUT, and map.vrt once all exist. "
+                      "Tiles that exist are not made again")
+          ->check(CLI::Range(16, 4096));
   command.add_option("--shard", s.shard, "Make part I (from 0) of N of the tiles")
       ->type_name("I/N")
       ->capture_default_str()
       ->needs(tiles);
-}
-
-}  // namespace
-
-void add_options(CLI::App& command, RenderSettings& s) {
-  add_request_options(command, s, "/v1/frames", "Write the frame to this file: .png .tiff .exr .npy .npz .raw");
-}
-
-void add_options(CLI::App& command, LidarSettings& s) {
-  add_request_options(command, s, "/v1/lidar", "Write the returns to this file: .npz .json");
-}
-
-void add_options(CLI::App& command, HorizonsSettings& s) {
-  add_request_options(command, s, "/v1/horizons",
-                      "Write the horizons to this file: of a map .tif .npz, of places .json .npz");
-  add_tile_options(command, s);
-}
-
-void add_options(CLI::App& command, IlluminationSettings& s) {
-  add_request_options(command, s, "/v1/illumination",
-                      "Write the light to this file: of a map .tif .npz, of places .csv .json .npz");
-  add_tile_options(command, s);
-}
-
-void add_options(CLI::App& command, MapSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/maps from this file; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, "Write the map to this file: .tif .npz .png")
-      ->required()
-      ->type_name("OUT");
-  command
-      .add_option("--utc", s.utc,
-                  "Draw a map for each epoch from FROM to TO, named OUT with its time, and the mean of lit over all of "
-                  "them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
-      ->type_name("FROM TO STEP")
-      ->expected(3)
-      ->allow_extra_args(false);
-  add_options(command, s.terrain);
-}
-
-void add_options(CLI::App& command, FeaturesSettings& s) {
-  command.add_option("request", s.request, "Read JSON as for POST /v1/features from this file; -: standard input")
-      ->type_name("REQUEST.json");
-  command.add_option("--detail", s.detail, "Instead of a file: use details/NAME.json in the assets folder")
-      ->type_name("NAME");
-  command.add_option("--region", s.region, "Instead of a file: use this region, degrees; EAST may exceed 180")
-      ->type_name("SOUTH NORTH WEST EAST")
-      ->expected(4)
-      ->allow_extra_args(false);
-  command.add_option("--smallest-m", s.smallest_m,
-                     "Instead of a file: list craters or rocks of at least this diameter; default: the preset's");
-  command.add_option("-o,--output", s.output, "Write CSV to this file; -: standard output")
-      ->type_name("OUT.csv")
-      ->capture_default_str();
-  auto* coco = command.add_option("--coco", s.coco, "Write the craters and rocks in a frame to this COCO file")
-                   ->type_name("OUT.json");
-  auto* frame =
-      command
-          .add_option("--frame", s.frame, "Read the frame's JSON as for POST /v1/frames, with a detail, from this file")
-          ->type_name("REQUEST.json");
-  coco->needs(frame);
-  frame->needs(coco);
-  command.add_option("--image", s.image, "Name the frame so in the COCO file; default: the name of --frame with .png")
-      ->type_name("NAME");
-  command
-      .add_option("--least-px", s.rims.least_px,
-                  "List rims and visible rocks with at least the area of a circle of this diameter, unless the frame's "
-                  "request has \"craters\" or \"labels\"")
-      ->check(number_in(1.0, 1e4))
-      ->capture_default_str();
-  command
-      .add_option("--least-depth", s.rims.least_depth,
-                  "List craters of at least this present depth over diameter, unless a REQUEST.json or the frame's "
-                  "\"craters\" or \"labels\" gives it; 0: all")
-      ->check(number_in(0.0, 1.0))
-      ->capture_default_str();
   add_options(command, s.terrain);
 }
 
@@ -237,11 +167,6 @@ void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
       ->capture_default_str();
   command.add_option("--footprint", s.request.footprint_ratio, "Set pixel footprint over post spacing, in mode camera")
       ->check(number_in(0.01, 100.0))
-      ->capture_default_str();
-  command
-      .add_option("--max-error-px", s.request.max_error_px,
-                  "Set the level of detail of the frames; 0: the finest posts")
-      ->check(number_in(0.0, 100.0))
       ->capture_default_str();
   command.add_option("-o,--output", s.output, "Write a folder per mode to this folder; created if missing")
       ->required()

@@ -20,17 +20,17 @@ namespace selenograph::server {
 
 namespace fs = std::filesystem;
 
-namespace {
-
-[[noreturn]] void refuse(const std::string& path, const std::error_code& error) {
-  throw std::runtime_error(path + ": cannot be written: " + error.message());
-}
-
 bool is_standard_output(const std::string& path) {
   struct stat named {};
   struct stat standard {};
   return ::stat(path.c_str(), &named) == 0 && ::fstat(STDOUT_FILENO, &standard) == 0 &&
          named.st_dev == standard.st_dev && named.st_ino == standard.st_ino;
+}
+
+namespace {
+
+[[noreturn]] void refuse(const std::string& path, const std::error_code& error) {
+  throw std::runtime_error(path + ": cannot be written: " + error.message());
 }
 
 // Returns the system's error of this number; EIO if it is 0: the library failed without saying why.
@@ -93,11 +93,6 @@ void check_can_be_written(const std::string& path) {
   const fs::path must_be_writable = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
   if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
   if (::access(must_be_writable.c_str(), W_OK) != 0) refuse(path, error_of(errno));
-}
-
-bool is_same_file(const std::string& a, const std::string& b) {
-  const auto canonical = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
-  return is_file(a) && canonical(a) == canonical(b);
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {

@@ -15,12 +15,12 @@ void write_whole(const std::string& path, const std::string& bytes);
 // Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);
 
+// Returns true if the path names standard output.
+bool is_standard_output(const std::string& path);
 // Returns the stream for messages about a file: stdout, or stderr if the file is standard output itself.
 std::FILE* stream_for_messages(const std::string& path);
 // Throws as write_whole() if the file could not be opened for writing. Call it before work that would be lost.
 void check_can_be_written(const std::string& path);
-// Returns true if both paths name one regular file, which need not exist.
-bool is_same_file(const std::string& a, const std::string& b);
 
 // Progress on stderr: one line that is rewritten on a terminal, otherwise a line every five percent.
 class ProgressBar {

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <iostream>
 #include <iterator>
@@ -10,6 +12,18 @@
 #include "dem/files/files.h"
 
 namespace selenograph::server {
+
+api::Limits command_limits() {
+  return {.max_body_bytes = std::size_t{1} << 30,
+          .max_json_depth = 256,
+          .max_image_side = 65535,
+          .max_image_pixels = std::int64_t{1} << 28,
+          .max_map_pixels = std::int64_t{1} << 28,
+          .max_samples_per_pixel = 65536,
+          .max_rays = 1 << 24,
+          .max_lidar_rays = std::int64_t{1} << 32,
+          .default_deadline = std::chrono::hours(24 * 365)};
+}
 
 std::string read_request(const std::string& path) {
   if (path == "-") return {std::istreambuf_iterator<char>(std::cin), {}};

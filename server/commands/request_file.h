@@ -1,14 +1,19 @@
-// Reads requests from files and prints problems to stderr, for commands with the answers of the service.
+// Requests from files, their limits, and their problems on stderr, for commands with the answers of the service.
 #pragma once
 
 #include <string>
 
+#include "api/message/limits.h"
 #include "api/message/message.h"
 #include "api/message/problem.h"
 #include "api/requests/frame_json.h"
 #include "engine/renderer.h"
 
 namespace selenograph::server {
+
+// Returns the limits of a command's own request: those of the formats. A user at the command line waits as long as the
+// work takes.
+api::Limits command_limits();
 
 // Reads a file; "-": standard input. Throws std::runtime_error naming the file.
 std::string read_request(const std::string& path);

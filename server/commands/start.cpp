@@ -11,7 +11,6 @@
 
 #include "api/assets/assets.h"
 #include "dem/base/error.h"
-#include "dem/base/names.h"
 #include "dem/files/open_file.h"
 #include "dem/files/quantity.h"
 #include "dem/gdal/remote_names.h"
@@ -40,7 +39,7 @@ void refuse_folder_without_dems(const std::string& path, const dem::Catalogue& c
   const auto side = std::ranges::find_if(catalogue.side_layers(), is_in_folder);
   if (side != catalogue.side_layers().end())
     throw DataError(path, fmt::format("has no DEM file, only side layers, e.g. {} ({}). {}", side->path, side->kind,
-                                      dem::how_to_override(side->path)));
+                                      dem::kHowToDeclareHeights));
   throw DataError(path, "has no DEM file: expected .img with .lbl, .tif or .vrt (dem/files/products.md)");
 }
 
@@ -75,15 +74,8 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::CatalogueOptions options;
   options.cache_dir = settings.cache_dir;
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
-  dem::take_as_heights(settings.take_as_heights);
   const std::vector<std::string> paths = dem_paths(settings);
   dem::Catalogue catalogue(paths, options);
-  // Options about files must name some: a pattern without a match is a mistake.
-  for (const std::string& pattern : settings.take_as_heights) {
-    const auto has_name = [&](const dem::RasterInfo& raster) { return dem::name_matches(raster.path, pattern); };
-    if (std::ranges::none_of(catalogue.rasters(), has_name))
-      throw DataError(pattern, "no DEM file has this name (--take-as-heights)");
-  }
   for (const std::string& path : paths) refuse_folder_without_dems(path, catalogue);
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
@@ -145,7 +137,7 @@ std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const Terr
 
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
   // Names the running executable, even if its file has been replaced since the start.
-  return {"/proc/self/exe", plan_memory(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
+  return {"/proc/self/exe", plan_memory(settings.memory).mesh_mb << 20};
 }
 
 }  // namespace selenograph::server

@@ -304,10 +304,10 @@ class Compatibility(unittest.TestCase):
 
     def test_names_that_go_are_found(self):
         less = copy.deepcopy(frozen(NAMES))
-        less["commands"].pop("render")
+        less["commands"].pop("ask")
         less["commands"]["serve"].remove("--port")
         less["metrics"]["selenograph_errors_total"] = "gauge"
-        self.assertEqual(list(gone(frozen(NAMES), less)), ["serve --port", "command render", "metric selenograph_errors_total, a counter"])
+        self.assertEqual(list(gone(frozen(NAMES), less)), ["serve --port", "command ask", "metric selenograph_errors_total, a counter"])
         less["metrics"]["selenograph_errors_total"] = "counter"
         self.assertEqual(list(gone(less, frozen(NAMES))), [])
 

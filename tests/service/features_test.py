@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Craters as truth: POST /v1/features and `selenograph features` against the terrain, and against what frames see."""
+"""Craters as truth: POST /v1/features and `selenograph ask features` against the terrain, and against what frames see."""
 
 import contextlib
 import csv
@@ -590,34 +590,33 @@ class InFrames(WithFeatures):
 
 class CommandLine(WithFeatures):
     def features(self, *options, **others):
-        return run("features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
+        return run("ask", "features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
                    harness.path("assets"), *options, **others)
 
     def test_csv(self):
-        box = square(LAT, LON, 3000)
-        expected = self.service.post("/v1/features", {"detail": "large", "region": box, "smallest_m": 20}, "text/csv")[2].decode()
-        sides = [repr(box[side]) for side in ("south_deg", "north_deg", "west_deg", "east_deg")]
-        done = self.features("--detail", "large", "--region", *sides, "--smallest-m", "20")
-        self.assertEqual((done.returncode, done.stdout), (0, expected), done.stderr)
-        request = harness.write("region.json", {"detail": "large", "region": box, "smallest_m": 20})
-        done = self.features(request, "-o", harness.path("craters.csv"))
+        request = {"detail": "large", "region": square(LAT, LON, 3000), "smallest_m": 20}
+        expected = self.service.post("/v1/features", request, "text/csv")[2].decode()
+        done = self.features(harness.write("region.json", request), "-o", harness.path("craters.csv"))
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("craters.csv"), newline="") as file:
             self.assertEqual(file.read(), expected)
-        self.assertIn(f"{len(expected.splitlines()) - 1} craters", done.stdout)
+        self.assertIn(f"{len(expected)} bytes", done.stdout)
+        done = self.features("-", "-o", "-", input=json.dumps(request))
+        self.assertEqual(done.stdout, self.service.post("/v1/features", request)[2].decode())
 
     def test_refusals(self):
         request = harness.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
-        for options, words in (((), "is required"), (("--detail", "large"), "--region"), ((request,), "/detail"),
-                               ((request, "--detail", "large"), "REQUEST.json")):
+        for options, words in (((), "required"), ((request,), "required"), ((request, "-o", "-"), "/detail"),
+                               ((request, "-o", harness.path("x.png")), "must end in one of .json, .csv for features")):
             done = self.features(*options)
             self.assertNotEqual(done.returncode, 0, options)
             self.assertIn(words, done.stderr, options)
+        self.assertFalse(os.path.exists(harness.path("x.png")))
 
     def test_what_is_written_through(self):
         """A pipe stays one, and a link stays what it is: there or not, its file is written."""
         request = harness.write("through.json", {"detail": "large", "region": square(LAT, LON, 1000)})
-        expected = self.features(request).stdout
+        expected = self.service.post("/v1/features", {"detail": "large", "region": square(LAT, LON, 1000)}, "text/csv")[2].decode()
         pipe, link, target = (harness.path(name) for name in ("pipe.csv", "link.csv", "target.csv"))
         os.mkfifo(pipe)
         reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -644,21 +643,22 @@ class CommandLine(WithFeatures):
 
     def test_standard_output_by_its_name(self):
         """What else is written there stays, and what the command says goes elsewhere."""
-        request = harness.write("by-name.json", {"detail": "large", "region": square(LAT, LON, 1000)})
-        expected, path = self.features(request).stdout, harness.path("by-name.csv")
-        said = f": {len(expected.splitlines()) - 1} craters\n"
-        for mode, name, before in (("a", "/dev/stdout", "head\n"), ("w", "/dev/stdout", ""), ("a", path, "head\n"),
-                                   (None, "/dev/stdout", "")):
+        region = {"detail": "large", "region": square(LAT, LON, 1000)}
+        request, path = harness.write("by-name.json", region), harness.path("by-name.csv")
+        lists = {form: self.service.post("/v1/features", region, form)[2].decode() for form in ("text/csv", "application/json")}
+        for mode, name, before, form in (("a", "/dev/stdout", "head\n", "application/json"),
+                                         ("w", "-", "", "application/json"), ("a", path, "head\n", "text/csv"),
+                                         (None, "/dev/stdout", "", "application/json")):
             harness.write("by-name.csv", "head\n")
             with open(path, mode) if mode else contextlib.nullcontext(subprocess.PIPE) as file:
                 done = self.features(request, "-o", name, stdout=file)
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertTrue(done.stderr.endswith("\n" + name + said), done.stderr)
+            self.assertRegex(done.stderr, rf"{len(lists[form])} bytes\n$")
             if mode:
                 with open(path) as file:
-                    self.assertEqual(file.read(), before + expected)
+                    self.assertEqual(file.read(), before + lists[form])
             else:
-                self.assertEqual(done.stdout, expected)
+                self.assertEqual(done.stdout, lists[form])
 
 
 if __name__ == "__main__":

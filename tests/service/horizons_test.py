@@ -79,7 +79,7 @@ class Horizons(unittest.TestCase):
         start = datetime.datetime(2026, 12, 1)
         harness.write("series.json", {"places": places, "from_utc": f"{start.isoformat()}Z", "to_utc": "2027-12-01T00:00:00Z",
                                       "step_s": 3600, "horizon": {**HORIZON, "farthest_km": farthest_km}})
-        done = harness.run("illumination", harness.path("series.json"), "-o", harness.path("series.npz"), "--dem", dem,
+        done = harness.run("ask", "illumination", harness.path("series.json"), "-o", harness.path("series.npz"), "--dem", dem,
                            "--cache-dir", harness.path("cache"))
         self.assertEqual(done.returncode, 0, done.stderr)
         with np.load(harness.path("series.npz")) as archive:
@@ -213,7 +213,7 @@ class Horizons(unittest.TestCase):
         self.assertEqual(elevation.shape, (36, 4, 4))
         self.assertEqual(list(arrays["azimuth_deg"][:3]), [0, 10, 20])
         harness.write("request.json", small)
-        done = harness.run("horizons", harness.path("request.json"), "-o", harness.path("horizons.tif"), "--dem",
+        done = harness.run("ask", "horizons", harness.path("request.json"), "-o", harness.path("horizons.tif"), "--dem",
                            harness.path("dem"), "--cache-dir", harness.path("cache"))
         self.assertEqual(done.returncode, 0, done.stderr)
         image = gdal.Open(harness.path("horizons.tif"))
@@ -234,7 +234,7 @@ class Horizons(unittest.TestCase):
         harness.write("large.json", body)
 
         def make(shard, text=request):
-            return harness.run("horizons", text, "-o", harness.path("tiles"), "--tile-px", "16", "--shard", shard, "--dem",
+            return harness.run("ask", "horizons", text, "-o", harness.path("tiles"), "--tile-px", "16", "--shard", shard, "--dem",
                                harness.path("dem"), "--cache-dir", harness.path("cache"))
 
         first = make("0/2")

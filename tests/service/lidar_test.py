@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""POST /v1/lidar over HTTP and `selenograph lidar`; arrays of /v1/rays and /v1/project both ways."""
+"""POST /v1/lidar over HTTP and `selenograph ask lidar`; arrays of /v1/rays and /v1/project both ways."""
 
 import io
 import json
@@ -210,7 +210,7 @@ class Lidar(WithService):
 
     def test_the_command_writes_the_same(self):
         body = self.service.arrays(request(), "/v1/lidar")["body"]
-        done = harness.run("lidar", harness.write("request.json", request()), "-o", path("scan.npz"), "--dem", path("dem"),
+        done = harness.run("ask", "lidar", harness.write("request.json", request()), "-o", path("scan.npz"), "--dem", path("dem"),
                            "--cache-dir", path("cache"), *self.options[:2])
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(path("scan.npz"), "rb") as file:

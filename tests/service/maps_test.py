@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""POST /v1/maps and `selenograph map`: maps lie where GDAL says, and hold what rays, heights and closed forms say."""
+"""POST /v1/maps and `selenograph ask maps`: maps lie where GDAL says, and hold what rays, heights and closed forms say."""
 
 import itertools
 import json
@@ -411,7 +411,7 @@ class CommandLine(unittest.TestCase):
         path = harness.path("request.json")
         with open(path, "w") as f:
             json.dump(request, f)
-        return harness.run("map", path, "--dem", harness.path(dem), "--cache-dir", harness.path("cache-" + dem),
+        return harness.run("ask", "maps", path, "--dem", harness.path(dem), "--cache-dir", harness.path("cache-" + dem),
                            "--log-level", "warning", *options, **more)
 
     def test_the_services_bytes(self):
@@ -426,47 +426,6 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(f.read(), service.post("/v1/maps", request, media_type)[2])
         self.assertEqual(service.stop(), 0)
 
-    def test_a_series(self):
-        area = {"projection": "polar_stereographic", "gsd_m": 2000.0, "center": {"lat_deg": 85.0, "lon_deg": 60.0},
-                "width_m": 120000.0, "height_m": 100000.0}
-        done = self.command(map_request(area, "lit"), "-o", harness.path("site.npz"), "--utc", "2026-11-20T00:00:00Z",
-                            "2026-11-30T00:00:00Z", "5d")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("100%", done.stderr)
-        lit = []
-        for day in (20, 25, 30):
-            with open(harness.path(f"site-202611{day}T000000Z.npz"), "rb") as f:
-                arrays, meta = npz(f.read())
-            lit.append(arrays["lit"])
-        single = self.command(map_request(area, "lit", sun={"utc": "2026-11-25T00:00:00Z"}), "-o", harness.path("single.npz"))
-        self.assertEqual(single.returncode, 0, single.stderr)
-        with open(harness.path("single.npz"), "rb") as f:
-            np.testing.assert_array_equal(npz(f.read())[0]["lit"], lit[1])
-        with open(harness.path("site-illumination.tif"), "rb") as f:
-            tiff = Tiff(f.read())
-        np.testing.assert_allclose(tiff.bands["illumination_fraction"], np.mean(lit, axis=0), rtol=0, atol=1e-6)
-        self.assertGreater(np.std(lit), 0)
-        self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["epochs"], 3)
-
-    def test_a_series_says_what_one_map_does(self):
-        border = {"projection": "orthographic", "gsd_m": 1000.0, "center": {"lat_deg": 15.0, "lon_deg": 100.0},
-                  "width_m": 60000.0, "height_m": 50000.0}
-        eclipse = {"utc": "2025-03-14T06:50:00Z"}
-        one = self.command(map_request(border, "lit", "radiance", sun=eclipse), "-o", harness.path("one.tif"), dem="region")
-        self.assertEqual(one.returncode, 0, one.stderr)
-        series = self.command(map_request(border, "lit", "radiance"), "-o", harness.path("several.tif"), "--utc",
-                              "2025-03-14T06:50:00Z", "2025-03-14T07:10:00Z", "10min", dem="region")
-        self.assertEqual(series.returncode, 0, series.stderr)
-        self.assertIn("the Earth covers the Sun", one.stdout)
-        said = one.stdout.splitlines()[1:]
-        self.assertTrue(said)
-        self.assertEqual(len(series.stdout.splitlines()), 1 + len(said), series.stdout)
-        for line in said:
-            if line.startswith("warning: "):
-                self.assertIn("warning, of 3 maps: " + line.removeprefix("warning: "), series.stdout)
-            else:
-                self.assertIn("of 3 maps a share of up to " + line.partition("a share of ")[2], series.stdout)
-
     def test_what_cannot_be_written(self):
         request = map_request(PLACES["orthographic"], "height")
         os.makedirs(harness.path("folder.tif"))
@@ -480,52 +439,51 @@ class CommandLine(unittest.TestCase):
             self.assertNotIn("Internal", done.stderr)
             self.assertFalse([name for name in os.listdir(harness.path()) if ".part-" in name])
 
-    def test_the_light_of_a_place_over_a_lunar_day(self):
-        indirect = {"terrain": True, "bounces": 2, "earth": True}
-        done = self.command(map_request(PLACES["orthographic"], "irradiance", indirect=indirect), "-o",
-                            harness.path("light.npz"), "--utc", "2026-11-01T00:00:00Z", "2026-11-29T00:00:00Z", "14d")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        lights = []
-        for day in ("01", "15", "29"):
-            with open(harness.path(f"light-202611{day}T000000Z.npz"), "rb") as f:
-                lights.append(npz(f.read())[0]["irradiance"].reshape(-1, 3).mean(axis=0))
-        day, night = max(lights, key=lambda light: light[0]), min(lights, key=lambda light: light[0])
-        self.assertGreater(day[0], 100)
-        self.assertGreater(day[1], 0)
-        self.assertEqual(list(night[:2]), [0, 0])
-        self.assertTrue(0.001 < night[2] < 0.1, night)  # the Earth, that does not set over the near side
+    def test_tiles(self):
+        """Windows of the map: the same heights, where the whole map has them."""
+        service = Service(dem="relief", cache="cache-relief")
+        for name in ("equirectangular, date line", "south pole", "orthographic"):
+            request = map_request(PLACES[name], "height", "source", accuracy={"max_error_px": 0})
+            whole = Tiff(service.post("/v1/maps", request, "image/tiff")[2])
+            folder = harness.path("tiles-" + name)
+            done = self.command(request, "-o", folder, "--tile-px", "40")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            joined = gdal.Open(os.path.join(folder, "map.vrt"))
+            np.testing.assert_allclose(joined.GetGeoTransform(), whole.file.GetGeoTransform(), rtol=1e-12)
+            for band, (product, expected) in enumerate(whole.bands.items(), 1):
+                self.assertEqual(joined.GetRasterBand(band).GetDescription(), product)
+                np.testing.assert_array_equal(joined.GetRasterBand(band).ReadAsArray(), expected, err_msg=f"{name} {product}")
+        self.assertEqual(service.stop(), 0)
 
-    def test_a_series_that_cannot_be_finished_is_not_begun(self):
-        """Epochs are from 1960 to 2099."""
-        for utc in (("2099-12-31T00:00:00Z", "2100-01-01T00:00:00Z"), ("1959-12-31T00:00:00Z", "1960-01-01T00:00:00Z")):
-            done = self.command(map_request(PLACES["orthographic"], "lit"), "-o", harness.path("end.tif"), "--utc", *utc, "12h")
-            self.assertEqual(done.returncode, 1)
-            self.assertIn("/sun/utc: ", done.stderr)
-            self.assertFalse([name for name in os.listdir(harness.path()) if name.startswith("end")])
-
-    def test_a_series_takes_three_values(self):
-        """And not the request that follows them."""
-        done = harness.run("map", "--log-level", "warning", "--cache-dir", harness.path("cache-relief"), "--dem",
-                           harness.path("relief"), "--utc", "2026-11-20T00:00:00Z", "2026-11-20T00:00:00Z", "1d",
-                           harness.write("last.json", map_request(PLACES["orthographic"], "lit")), "-o", harness.path("last.tif"))
-        self.assertEqual(done.returncode, 0, done.stderr)
+    def test_what_one_map_says(self):
+        border = {"projection": "orthographic", "gsd_m": 1000.0, "center": {"lat_deg": 15.0, "lon_deg": 100.0},
+                  "width_m": 60000.0, "height_m": 50000.0}
+        request = map_request(border, "lit", "radiance", sun={"utc": "2025-03-14T06:50:00Z"})
+        for options in ((), ("--tile-px", "30")):
+            done = self.command(request, "-o", harness.path("border" + "".join(options) + ".tif"), *options, dem="region")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertEqual(done.stdout.count("the Earth covers the Sun"), 1)
+            self.assertRegex(done.stdout, r"a share of [0-9.]+ of the pixels is without data")
 
     def test_refusals(self):
         request = map_request(PLACES["orthographic"], "height")
-        series = ("--utc", "2026-11-20T00:00:00Z", "2026-11-30T00:00:00Z")
-        for options, sun, why in ((("-o", harness.path("a.jpg")), None, "must end in one of .tif, .npz, .png"),
-                                  (("-o", harness.path("a.tif"), *series, "0h"), None, "is not a step"),
-                                  (("-o", harness.path("a.tif"), *series, "1 day"), None, "is not a step"),
-                                  (("-o", harness.path("a.tif"), *series, "86400"), None, "is not a step"),
-                                  (("-o", harness.path("a.tif"), "--utc", "2026-11-31T00:00:00Z", "2026-12-30T00:00:00Z", "1d"), None,
-                                   "is not an epoch"),
-                                  (("-o", harness.path("a.tif"), "--utc", *series[2:0:-1], "1d"), None, "is before"),
-                                  (("-o", harness.path("a.tif"), *series, "1d"), {"direction": [0, 1, 0]}, "/sun/direction")):
+        beyond = {"x_px": 0, "y_px": 10**4, "width_px": 1, "height_px": 1}
+        for change, options, why in (({}, ("-o", harness.path("a.jpg")), "must end in one of .npz, .tif, .tiff, .png for maps"),
+                                     ({"map": {**request["map"], "window": beyond}}, ("-o", harness.path("a.tif")), "/map/window"),
+                                     ({"map": {**request["map"], "window": beyond}}, ("-o", harness.path("a"), "--tile-px", "64"),
+                                      "window"),
+                                     ({"map": {**request["map"], "gsd_m": -1}}, ("-o", harness.path("a"), "--tile-px", "64"),
+                                      "/map/gsd_m")):
             with self.subTest(why):
-                done = self.command(dict(request, **({"sun": sun} if sun else {})), *options)
+                done = self.command({**request, **change}, *options)
                 self.assertEqual(done.returncode, 1)
                 self.assertIn(why, done.stderr)
                 self.assertFalse(os.path.exists(harness.path("a.tif")))
+        rays = harness.write("rays.json", {"rays": [{"origin_m": [2e6, 0, 0], "direction": [-1, 0, 0]}]})
+        done = harness.run("ask", "rays", rays, "-o", harness.path("a"), "--tile-px", "64", "--dem", harness.path("relief"),
+                           "--cache-dir", harness.path("cache-relief"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn('--tile-px: the request has no "map"', done.stderr)
 
 
 if __name__ == "__main__":

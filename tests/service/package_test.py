@@ -85,7 +85,7 @@ class Works:
             "camera": {"width": 8, "height": 8, "fov_deg": 5}, "products": ["image"],
             "pose": {"geodetic": {"lat_deg": -0.5, "lon_deg": 29.5, "height_m": 10000}, "nadir": {}},
             "sun": {"local": {"lat_deg": -0.5, "lon_deg": 29.5, "azimuth_deg": 90, "elevation_deg": 30}}}))
-        done = run(os.path.join(usr, "bin", "selenograph"), "render", harness.path("request.json"), "-o",
+        done = run(os.path.join(usr, "bin", "selenograph"), "ask", "frames", harness.path("request.json"), "-o",
                    harness.path("frame.png"), "--dem", harness.path("dem"))
         self.assertEqual(done.returncode, 0, done.stdout)
 
@@ -205,10 +205,10 @@ class Installed(Works, unittest.TestCase):
         self.assertLessEqual(set(subcommands()), self.completions(""))
         self.assertEqual(self.completions("serv"), {"serve"})
         self.assertEqual(self.completions("--v"), {"--version"})
-        for command in (["serve"], ["render"], ["verify", "roundtrip"]):
+        for command in (["serve"], ["ask"], ["verify", "roundtrip"]):
             self.assertEqual(self.completions(*command, "--"), options_of(*command), command)
         self.assertEqual(self.completions("verify", "r"), {"roundtrip"})
-        self.assertEqual(self.completions("render", "ro"), {"root"} if os.path.isdir(harness.path("root")) else set())
+        self.assertEqual(self.completions("ask", "ro"), {"root"} if os.path.isdir(harness.path("root")) else set())
         self.assertEqual(self.completions("serve", "--dem", "x", "--cache-m"), {"--cache-mb"})
         self.assertEqual(self.completions("serve", "--page", ""), {"off", "local", "on"})
         self.assertEqual(self.completions("serve", "--log-format", "j"), {"json"})

@@ -77,7 +77,7 @@ class Photographs(unittest.TestCase):
         request = harness.write("photograph.json", {**REQUEST, "products": ["radiance", "position"],
                                                     "accuracy": {"samples_per_pixel": 4}})
         out = harness.path("photograph.npz")
-        done = run("render", request, "-o", out, *dem())
+        done = run("ask", "frames", request, "-o", out, *dem())
         assert done.returncode == 0, done.stderr
         with np.load(out) as arrays:
             radiance, meta = arrays["radiance"].astype(float), json.loads(arrays["meta.json"])
@@ -142,7 +142,7 @@ class Photographs(unittest.TestCase):
     def test_radiance_keeps_its_scale(self):
         request = {**self.view(self.true)["made"]["request"], "band": {"center_um": 0.6, "width_um": 0.2}}
         out = harness.path("band.npz")
-        self.assertEqual(run("render", harness.write("band.json", {**request, "products": ["radiance"]}), "-o", out,
+        self.assertEqual(run("ask", "frames", harness.write("band.json", {**request, "products": ["radiance"]}), "-o", out,
                              *dem()).returncode, 0)
         with np.load(out) as arrays:
             np.save(os.path.join(self.images, "strip.npy"), 1.1 * arrays["radiance"][100:104] / 0.2)

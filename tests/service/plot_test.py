@@ -106,14 +106,14 @@ class PlotTest(unittest.TestCase):
                    "horizon": {"azimuths": 36, "farthest_km": 20}}
         with open(os.path.join(folder, "request.json"), "w") as file:
             json.dump(request, file)
-        done = harness.run("illumination", os.path.join(folder, "request.json"), "-o", os.path.join(folder, "illumination.csv"),
-                           "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"))
+        done = harness.run("ask", "illumination", os.path.join(folder, "request.json"), "-o",
+                           os.path.join(folder, "illumination.csv"), "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.drawn(folder, "illumination.png")
 
     def test_invalid_results_are_refused(self):
         self.refused(harness.path("nowhere"), "no such folder")
-        self.refused(harness.path("dem"), "nothing that `selenograph verify` or `illumination` writes")
+        self.refused(harness.path("dem"), "nothing that `selenograph verify` or `ask illumination` writes")
         source = os.path.join(self.round_trip(), "camera")
         broken = harness.path("broken")
         os.mkdir(broken)

@@ -135,7 +135,7 @@ class ReadmeTest(unittest.TestCase):
             return
         # What has no --dem would make the sample terrain.
         environment = {**os.environ, "SELENOGRAPH_CACHE_DIR": harness.path("cache")}
-        if words[1] in ("render", "map", "batch", "ingest", "info", "verify") and "--dem" not in words and words[1:3] != ["verify", "mertis"]:
+        if words[1] in ("ask", "batch", "ingest", "info", "verify") and "--dem" not in words and words[1:3] != ["verify", "mertis"]:
             words += ["--dem", "dem"]
         done = subprocess.run(words, cwd=harness.path(), env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                               timeout=harness.PATIENCE_S * 5)

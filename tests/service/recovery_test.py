@@ -257,7 +257,7 @@ class Damaged(Recovery):
 
     def render(self, cache, **options):
         output = os.path.join(harness.path(), "damaged.npz")
-        done = run("render", self.request, "-o", output, "--cache-dir", cache, "--dem", DEM, **options)
+        done = run("ask", "frames", self.request, "-o", output, "--cache-dir", cache, "--dem", DEM, **options)
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(output, "rb") as file:
             return file.read()
@@ -321,7 +321,7 @@ class Sealed(unittest.TestCase):
             request, output = os.path.join(folder, "near.json"), os.path.join(folder, "near.npz")
             with open(request, "w") as file:
                 json.dump(NEAR, file)
-            done = run("render", request, "-o", output, "--cache-dir", cache, "--dem", DEM, **self.user)
+            done = run("ask", "frames", request, "-o", output, "--cache-dir", cache, "--dem", DEM, **self.user)
             self.assertEqual(done.returncode, 0, done.stderr)
             with np.load(output, allow_pickle=False) as got, np.load(io.BytesIO(ANSWERS[1]), allow_pickle=False) as wanted:
                 for name in PRODUCTS:

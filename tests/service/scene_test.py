@@ -170,7 +170,8 @@ class SceneTest(unittest.TestCase):
     def test_the_documented_commands_make_pictures(self):
         for name in ("debris", "mapped"):
             picture = harness.path(name + ".png")
-            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", "examples", name + "-request.json"), "-o", picture,
+            done = subprocess.run([harness.BINARY, "ask", "frames",
+                                   os.path.join(REPOSITORY, "deploy", "examples", name + "-request.json"), "-o", picture,
                                    "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"), "--dem", harness.path("dem"),
                                    "--cache-dir", harness.path("cache")], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)

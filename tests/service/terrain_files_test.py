@@ -82,29 +82,29 @@ class CommandLine(unittest.TestCase):
 
     def test_a_request_that_is_a_folder_is_named(self):
         folder = harness.path("dem")
-        for arguments in (("render", folder, "-o", "x.png", "--dem", folder), ("map", folder, "-o", "x.tif", "--dem", folder),
+        for arguments in (("ask", "frames", folder, "-o", "x.png", "--dem", folder),
                           ("batch", folder, "-o", "x", "--dem", folder), ("verify", "mertis", "--instrument", folder, "-o", "x")):
             done = self.run_it(*(harness.path(a) if a.startswith("x") else a for a in arguments))
             self.assertEqual(done.returncode, 1)
             self.assertIn(f"error: {folder}: cannot be opened: Is a directory\n", done.stderr)
 
     def test_misspelt_commands_and_options(self):
-        for arguments, meant in ((("rendr", "x"), "rendr: did you mean render?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),
+        for arguments, meant in ((("ingset", "x"), "ingset: did you mean ingest?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),
                                  (("verify", "accurcy"), "accurcy: did you mean accuracy?"), (("serve", "--prot=1"), "--port?")):
             done = self.run_it(*arguments)
             self.assertNotEqual(done.returncode, 0)
             self.assertIn(meant, done.stderr)
 
     def test_a_request_stands_before_the_options(self):
-        for command, usage in ((("render",), "render request [OPTIONS]"), (("map",), "map request [OPTIONS]"),
+        for command, usage in ((("ask",), "ask call request [OPTIONS]"),
                                (("batch",), "batch [manifest] [OPTIONS] [SUBCOMMAND]"),
                                (("batch", "verify"), "batch verify manifest [OPTIONS]"), (("serve",), "serve [OPTIONS]")):
             self.assertIn(f"Usage: selenograph {usage}\n", self.run_it(*command, "--help").stdout)
         # --dem takes what follows it.
-        done = self.run_it("map", "--dem", harness.path("dem"), "site.json", "-o", harness.path("x.tif"))
+        done = self.run_it("ask", "maps", "--dem", harness.path("dem"), "site.json", "-o", harness.path("x.tif"))
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("request is required\n", done.stderr)
-        self.assertIn("Usage: selenograph map request [OPTIONS]\n", done.stderr)
+        self.assertIn("Usage: selenograph ask call request [OPTIONS]\n", done.stderr)
 
 
 class CacheFolder(unittest.TestCase):

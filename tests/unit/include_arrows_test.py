@@ -60,7 +60,6 @@ LIBRARIES = [
     (r"spdlog/", ["api/", "server/"]),
     (r"xxhash", ["dem/base/hash"]),
     (r"jemalloc/", ["engine/support/heap"]),
-    (r"toml\+\+/", ["server/commands/config"]),
     (r"CLI/", ["server/main", "server/commands/config", "server/commands/options"]),
 ]
 # Costly to compile: never in a header.

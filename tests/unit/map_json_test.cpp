@@ -113,6 +113,26 @@ TEST(MapJson, RefusalsPointAtMembers) {
               std::string("/map/bounds/") + member);
 }
 
+TEST(MapJson, AWindowIsAPartOfTheGrid) {
+  const auto area_of = [](const std::string& side_m, const std::string& window) {
+    return R"({"projection": "polar_stereographic", "center": {"lat_deg": 89, "lon_deg": 0}, "gsd_m": 10, "width_m": )" +
+           side_m + R"(, "height_m": 5000)" + window + "}";
+  };
+  const auto window = [](int x_px) {
+    return fmt::format(R"(, "window": {{"x_px": {}, "y_px": 10, "width_px": 50, "height_px": 40}})", x_px);
+  };
+  const dem::MapGrid whole = of(area_of("700", "")).request.grid;
+  const dem::MapGrid part = of(area_of("700", window(20))).request.grid;
+  EXPECT_EQ(part.west_m, whole.west_m + 200);
+  EXPECT_EQ(part.north_m, whole.north_m - 100);
+  EXPECT_EQ(part.width, 50);
+  EXPECT_EQ(part.height, 40);
+  EXPECT_EQ(pointer_of(R"({"products": ["height"], "map": )" + area_of("700", window(21)) + "}"), "/map/window");
+  // The limit of pixels counts those of the answer.
+  EXPECT_EQ(pointer_of(R"({"products": ["height"], "map": )" + area_of("655000", "") + "}"), "/map/gsd_m");
+  EXPECT_EQ(of(area_of("655000", window(65450))).request.grid.width, 50);
+}
+
 TEST(MapJson, AResolvedRequestResolvesToItself) {
   for (const char* projection : {"equirectangular", "polar_stereographic", "orthographic"})
     for (const char* view : {R"("nadir")", R"({"direction": [1, 2, 3]})"}) {

@@ -483,15 +483,15 @@ class UndeclaredValues : public RasterTest {
 TEST_F(UndeclaredValues, ThatMayBeKilometresAreRefused) {
   EXPECT_NE(refusal(ramp(-3.544, 0.2, 1)).find("declare the unit (km)"), std::string::npos);
   EXPECT_NE(refusal(ramp(1735.2, 0.2, 1)).find("declare the unit (km)"), std::string::npos);
-  EXPECT_NE(refusal(ramp(-3.544, 0.2, 1)).find("--take-as-heights 'undeclared.tif'"), std::string::npos);
+  EXPECT_NE(refusal(ramp(-3.544, 0.2, 1)).find("describe its band"), std::string::npos);
   Tif declared = ramp(-3.544, 0.2, 1);
   declared.unit = "km";
   EXPECT_EQ(refusal(declared), "");
   declared.unit = "m";
   EXPECT_EQ(refusal(declared), "") << "metres, although few";
-  take_as_heights({"undecl*"});
-  EXPECT_EQ(refusal(ramp(-3.544, 0.2, 1)), "");
-  take_as_heights({});
+  declared.unit = "";
+  declared.description = "height";
+  EXPECT_EQ(refusal(declared), "");
 }
 
 TEST_F(UndeclaredValues, OfTerrainAreTaken) {
@@ -530,9 +530,6 @@ TEST_F(UndeclaredValues, OfImagesAreRefused) {
 TEST_F(UndeclaredValues, WordsDecideBeforeThem) {
   write(file("site_slp.tif"), Tif{});
   EXPECT_THROW(inspect_raster(file("site_slp.tif")), SideRaster);
-  take_as_heights({"site_slp.tif"});
-  EXPECT_EQ(inspect_raster(file("site_slp.tif")).width, 4);
-  take_as_heights({});
   Tif described;
   described.description = "height";
   write(file("site_slp.tif"), described);

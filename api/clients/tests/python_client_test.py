@@ -858,7 +858,7 @@ class Readme(unittest.TestCase):
         harness.write("campaign/three.jsonl", "".join(json.dumps(line) + "\n" for line in lines[:3]))
         options = ["--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
                    os.path.join(REPOSITORY, "deploy", "assets")]
-        for command in (["batch", "three.jsonl", "-o", "frames"], ["map", "maps/001.json", "-o", "maps/001.npz"]):
+        for command in (["batch", "three.jsonl", "-o", "frames"], ["ask", "maps", "maps/001.json", "-o", "maps/001.npz"]):
             done = harness.run(*command, *options)
             self.assertEqual(done.returncode, 0, done.stderr)
         for line in lines[:3]:
