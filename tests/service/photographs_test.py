@@ -14,7 +14,6 @@ import unittest
 import numpy as np
 
 import harness
-from harness import run
 
 try:
     import cv2  # noqa: F401
@@ -74,13 +73,9 @@ class Photographs(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        request = harness.write("photograph.json", {**REQUEST, "products": ["radiance", "position"],
-                                                    "accuracy": {"samples_per_pixel": 4}})
-        out = harness.path("photograph.npz")
-        done = run("ask", "frames", request, "-o", out, *dem())
-        assert done.returncode == 0, done.stderr
-        with np.load(out) as arrays:
-            radiance, meta = arrays["radiance"].astype(float), json.loads(arrays["meta.json"])
+        cls.service = harness.Service()
+        arrays = cls.service.arrays({**REQUEST, "products": ["radiance"], "accuracy": {"samples_per_pixel": 4}})
+        radiance, meta = arrays["radiance"].astype(float), arrays["meta"]
         film = 255 * np.minimum(1, radiance / np.quantile(radiance, 0.995)) ** 0.6
         film += np.random.default_rng(1).normal(0, 2, film.shape)
         cls.images = harness.path("images")
@@ -141,11 +136,8 @@ class Photographs(unittest.TestCase):
 
     def test_radiance_keeps_its_scale(self):
         request = {**self.view(self.true)["made"]["request"], "band": {"center_um": 0.6, "width_um": 0.2}}
-        out = harness.path("band.npz")
-        self.assertEqual(run("ask", "frames", harness.write("band.json", {**request, "products": ["radiance"]}), "-o", out,
-                             *dem()).returncode, 0)
-        with np.load(out) as arrays:
-            np.save(os.path.join(self.images, "strip.npy"), 1.1 * arrays["radiance"][100:104] / 0.2)
+        radiance = self.service.arrays({**request, "products": ["radiance"]})["radiance"]
+        np.save(os.path.join(self.images, "strip.npy"), 1.1 * radiance[100:104] / 0.2)
         camera = {**request["camera"], "height": 4, "cy": 127.5 - 100}
         views = {"strip": {"image": "strip.npy", "unit": "W m-2 sr-1 um-1", "request": {**request, "camera": camera}}}
         folder, done = self.verify(views)

@@ -169,7 +169,7 @@ def relief_rows(service, sphere, options, surface):
 
 
 def in_lime(row):
-    """Whether LIME was fitted in the row's band: only there are presets compared."""
+    """Returns true for bands in which LIME was fitted: only there are presets compared."""
     return 0.4399 < row["wavelength_um"] < 1.6401
 
 

@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, optimize
 from scipy.spatial.transform import Rotation
 
 from terrain_service import MOON_RADIUS_M, Unusable
@@ -159,12 +159,13 @@ def compare_images(service, sphere, options, surface):
         pairs += [ImagePair(name, channel, image, moved_px, view, service, sphere, surface)
                   for channel, image in zip(CHANNELS, arrays[name])]
 
-    def mean_correlation(sigma_px):
+    def loss(sigma_px):
         for pair in pairs:
             pair.spread(sigma_px)
-        return np.mean([pair.correlation(pair.placed()) for pair in pairs])
+        return -np.mean([pair.correlation(pair.placed()) for pair in pairs])
 
-    spread_px = max(np.arange(6, 25) / 20, key=mean_correlation)
+    found = optimize.minimize_scalar(loss, bounds=(0.3, 1.2), method="bounded", options={"xatol": 0.02})
+    spread_px = round(20 * found.x) / 20
     rows, controls = [], []
     for pair in pairs:
         pair.spread(spread_px)

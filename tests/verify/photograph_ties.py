@@ -106,5 +106,5 @@ def fitted_view(service, view, free, ties):
         return np.r_[ties.residuals_px(service, moved(view, named(q)), ~ties.held_out).ravel(),
                      np.ravel(bonds.get("position", [])) / 0.3, np.ravel(bonds.get("principal_point", [])) / 1.5]
 
-    found = optimize.least_squares(residuals, np.zeros(ends[-1]), loss="soft_l1", f_scale=0.5, diff_step=1e-4)
+    found = optimize.least_squares(residuals, np.zeros(ends[-1]), loss="soft_l1", f_scale=0.5)
     return moved(view, named(found.x))

@@ -64,7 +64,8 @@ class Photograph:
              'needs "image", a file name, and "request", as for POST /v1/frames')
         need(view.get("unit") in (None, RADIANCE_UNIT), f'"unit" must be "{RADIANCE_UNIT}" or left out')
         self.name, self.free = name, view.get("free", ["position"])
-        need(set(self.free) <= set(PARAMETERS) - {"turn"}, f'"free" must list some of {", ".join(list(PARAMETERS)[1:])}')
+        may_change = [name for name in PARAMETERS if name != "turn"]
+        need(set(self.free) <= set(may_change), f'"free" must list some of {", ".join(may_change)}')
         self.image = read_image(folder / view["image"])
         need(np.isfinite(self.image).all(), "the image has pixels without a value")
         self.request = {"accuracy": {"samples_per_pixel": 16, "max_error_px": 0.25}, **view["request"],

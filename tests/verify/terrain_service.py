@@ -12,7 +12,7 @@ MOON_RADIUS_M = 1737400.0
 
 
 class Unusable(Exception):
-    """What is wrong with an input, in words for the user."""
+    """An input that cannot be compared, and why, in words for the user."""
 
 
 def cell(value, form="{:.6g}"):
