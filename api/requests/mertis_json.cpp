@@ -144,20 +144,4 @@ const Answer<SpectraSource>& mertis_answer() {
   return answer;
 }
 
-std::string mertis_csv(const MertisQuery& query) {
-  std::string csv = "# SENSOR++ equations (3), (9), (12)\n";
-  for (const char* assumption : kAssumptions) csv += fmt::format("# defaults: {}\n", assumption);
-  csv +=
-      "temperature_k,channel,center_um,width_um,efficiency,radiance_w_m2_sr_um,flux_w,noise_equivalent_power_w,"
-      "signal_to_noise,width_error\n";
-  for (const double kelvin : query.temperatures_k) {
-    int channel = 0;
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
-      csv += fmt::format("{:g},{},{:.9g},{:.9g},{:.6g},{:.9g},{:.9g},{:g},{:.9g},{:.3e}\n", kelvin, ++channel,
-                         c.center_um, c.width_um, c.efficiency, c.radiance_w_m2_sr_um, c.flux_w,
-                         query.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
-  }
-  return csv;
-}
-
 }  // namespace selenograph::api

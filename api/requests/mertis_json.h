@@ -30,7 +30,4 @@ struct SpectraSource {
 };
 const Answer<SpectraSource>& mertis_answer();
 
-// Returns CSV with one row per channel and temperature.
-std::string mertis_csv(const MertisQuery& query);
-
 }  // namespace selenograph::api

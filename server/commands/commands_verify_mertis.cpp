@@ -32,7 +32,6 @@ int verify_mertis(const VerifyMertisSettings& settings) {
   const api::MertisQuery query = read_instrument(settings.instrument);
   const fs::path folder = settings.output;
   fs::create_directories(folder);
-  write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
   write_json((folder / "mertis.json").string(), api::mertis_answer().write({query, {}}));
   fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "smallest SNR", "largest SNR");
   for (const double kelvin : query.temperatures_k) {
@@ -43,7 +42,7 @@ int verify_mertis(const VerifyMertisSettings& settings) {
     }
     fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, smallest_snr, largest_snr);
   }
-  fmt::print("{0}: mertis.csv, mertis.json; picture: deploy/plot {0}\n", settings.output);
+  fmt::print("{0}: mertis.json; picture: deploy/plot {0}\n", settings.output);
   return 0;
 }
 

@@ -15,7 +15,8 @@
 namespace selenograph::test {
 namespace {
 
-constexpr int kPostsOfSquare = 40;  // along each side
+constexpr int kPostsOfSquare = 40;            // along each side
+constexpr double kShortestPublished_m = 0.5;  // published slopes are not continued to shorter baselines
 
 // Returns latitude and longitude of the i-th place, within 45 degrees of the equator. An additive recurrence spreads
 // places evenly, and the same on every machine.
@@ -146,7 +147,8 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, std::span<c
     rows.push_back({baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
                     share(total.craters), share(total.relief), share(total.clods), share(total.fragments),
                     slope_deg(ranked(total.slopes, total.slopes.size() * 99 / 100)),
-                    preset.published.value().at_deg(baseline_m)});
+                    baseline_m < kShortestPublished_m ? std::numeric_limits<double>::quiet_NaN()
+                                                      : preset.published.value().at_deg(baseline_m)});
     rms_before = rms_m;
   }
   return rows;

@@ -14,7 +14,7 @@ struct SlopeRow {
   double hurst;                // exponent of the RMS height difference since the previous row; NaN: first row
   double craters_share, relief_share, clods_share, fragments_share;  // shares of the variance of height differences
   double steepest_deg;                                               // 99th percentile of the slopes
-  double published_deg;                                              // the preset's published median
+  double published_deg;                                              // the preset's published median; NaN below 0.5 m
 };
 
 struct CraterRow {
