@@ -134,7 +134,7 @@ FrameLabels label_frame(const engine::Frame& frame, const engine::Camera& camera
   const std::vector<ImagePolygon> polygons = polygons_of(frame.report.craters.rims, camera);
   const std::vector<bool> is_large = find_large_rocks(frame, min_diameter_px);
   check_label_count(static_cast<std::size_t>(std::ranges::count_if(polygons, [](const auto& p) { return !p.empty(); }) +
-                                       std::ranges::count(is_large, true)));
+                                             std::ranges::count(is_large, true)));
   const std::vector<std::uint16_t> no_labels(std::size_t(camera.width) * std::size_t(camera.height), 0);
   FrameLabels labels{.crater_mask = no_labels, .rock_mask = no_labels, .crater_ids = {}, .rocks = {}};
   std::uint16_t last_id = 0;

@@ -245,7 +245,7 @@ class Labels(harness.WithService):
         coco, _, frame = self.check(both, "near")
         self.assertEqual(coco, coco_of(as_frame(self.body(self.request()))))
         self.assertNotIn("plain/rock_mask", frame)
-        self.assertNotIn("craters", frame.meta["cameras"]["plain"])
+        self.assertFalse("labelled_rocks" in frame.meta["cameras"]["plain"])
 
     def test_compression(self):
         stored, packed = (self.ok(self.service.frame(self.request(**more), "*/*"), "application/x-npz")

@@ -191,7 +191,8 @@ class Frames(WithClient):
                          pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=ground_m + 200))
         frame = self.client.frame(low)
         document = selenograph.coco_of(frame, "low.png")
-        self.assertEqual(document["images"], [{"id": 1, "width": 64, "height": 48, "file_name": "low.png"}])
+        height, width = frame["image"].shape
+        self.assertEqual(document["images"], [{"id": 1, "width": width, "height": height, "file_name": "low.png"}])
         numbers = {annotation["id"] for annotation in document["annotations"]}
         seen = set(np.union1d(frame["crater_mask"], frame["rock_mask"]).tolist()) - {0}
         self.assertTrue(seen and seen <= numbers, seen - numbers)
