@@ -38,7 +38,7 @@ struct Service::Impl {
   std::shared_ptr<const engine::Renderer> renderer;
   Limits limits;
   Assets assets;
-  std::shared_ptr<MemoryBudget> memory;
+  std::shared_ptr<Admission> admission;
   mutable LongMetadata long_metadata{kLongMetadataBytes};
   std::string openapi;
   // Text of the catalogue, written at the first request for it: for 64 800 tiles it has 30 MB, and most services never
@@ -50,24 +50,24 @@ struct Service::Impl {
     return datasets_made_text;
   };
 
-  // Answers a request. Its memory counts against the budget while it is processed; then the response's body does.
-  Response answer(const Request& request) const {
-    RequestMemory request_memory(*memory);
-    Response response = dispatch(request, request_memory);
-    // The response shares ownership of the budget: it may outlive the service, and a claim must not outlive its budget.
-    struct BudgetAndClaim {
-      std::shared_ptr<MemoryBudget> budget;
-      MemoryBudget::Claim claim;
+  // Answers a request and measures its time in the queue. Its memory counts while it is processed; then the response's
+  // body does.
+  Response answer(const Request& request, Admission::Clock::duration& queued) const {
+    const Route& route = route_of(request);
+    RequestMemory request_memory(*admission, request.client, route.admission, queued);
+    Response response = dispatch(route, request, request_memory);
+    // The response shares ownership of the admission: it may outlive the service.
+    struct AdmissionAndPermit {
+      std::shared_ptr<Admission> admission;
+      Admission::Permit permit;
     };
-    const auto shared = std::make_shared<const BudgetAndClaim>(
-        BudgetAndClaim{memory, request_memory.release_for_answer(response.body.capacity())});
-    response.memory = {shared, &shared->claim};  // points to the claim and shares ownership of both
+    response.memory = std::make_shared<const AdmissionAndPermit>(
+        AdmissionAndPermit{admission, request_memory.release_for_answer(response.body.capacity())});
     return response;
   }
 
   // Checks the request's headers and calls its endpoint.
-  Response dispatch(const Request& request, RequestMemory& request_memory) const {
-    const Route& route = route_of(request);
+  Response dispatch(const Route& route, const Request& request, RequestMemory& request_memory) const {
     if (!route.negotiates && !accepts(header(request, "accept"), "application/json"))
       throw RequestError("not_acceptable", "only application/json is available, and Accept excludes it");
     const auto limit = time_limit(request, limits);
@@ -82,9 +82,9 @@ struct Service::Impl {
 };
 
 Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder,
-                 const engine::MeshReaderOptions& meshes, std::shared_ptr<MemoryBudget> memory)
+                 const engine::MeshReaderOptions& meshes, std::shared_ptr<Admission> admission)
     : impl_(std::make_unique<Impl>(assets_folder, meshes)) {
-  impl_->memory = memory ? std::move(memory) : std::make_shared<MemoryBudget>();
+  impl_->admission = admission ? std::move(admission) : std::make_shared<Admission>();
   impl_->renderer = std::move(renderer);
   impl_->limits = limits;
   impl_->openapi = openapi_document(limits).dump(2) + "\n";
@@ -92,17 +92,18 @@ Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits
 
 Service::~Service() = default;
 
-Response Service::handle(const Request& request) const noexcept {
-  Response response = answer_or_problem(request, [&] { return impl_->answer(request); });
+Response Service::handle(const Request& request) const {
+  Admission::Clock::duration queued{};
+  Response response = answer_or_problem(request, [&] { return impl_->answer(request, queued); });
+  response.queued = queued;
+  if (!response.stages.empty())
+    response.stages.insert(response.stages.begin(),
+                           {"queue", std::chrono::duration<double, std::milli>(queued).count()});
   if (response.error_code == "method_not_allowed")
     response.headers.emplace_back("Allow", allowed_methods(request.path));
+  if (response.error_code == "busy" || response.error_code == "shutting_down")
+    response.headers.emplace_back("Retry-After", std::to_string(impl_->admission->retry_after_s()));
   return response;
-}
-
-bool Service::needs_admission(const Request& request) {
-  return std::ranges::any_of(kRoutes, [&](const Route& route) {
-    return route.admission && route.method == request.method && segment_of(route, request.path);
-  });
 }
 
 const Limits& Service::limits() const { return impl_->limits; }

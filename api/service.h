@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "api/message/admission.h"
 #include "api/message/message.h"
 #include "engine/renderer.h"
 #include "engine/visibility/meshes/mesh_reader.h"
@@ -15,20 +16,16 @@ namespace selenograph::api {
 // Thread-safe: const functions may be called concurrently.
 class Service {
  public:
-  // `assets_folder` is the folder of Assets; empty: none. `meshes` has the options for reading object meshes. `memory`
-  // is the budget of active requests and their responses; null: unbounded. A request that could never fit is rejected,
-  // one that does not fit now waits briefly for its turn.
+  // `assets_folder` is the folder of Assets; empty: none. `meshes` has the options for reading object meshes.
+  // `admission` has the slots and the memory of requests and their responses; null: unbounded. A request that could
+  // never fit is rejected, one that does not fit now waits for its turn.
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
-          const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<MemoryBudget> memory = nullptr);
+          const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<Admission> admission = nullptr);
   ~Service();
 
   // Serves /v1/* and /openapi.json. Unknown paths give 404, known paths with a wrong method 405 with Allow. (Health and
   // metrics are served by server/.)
-  Response handle(const Request& request) const noexcept;
-
-  // Returns true for expensive requests, which pass admission control: all but the catalogue, a frame's metadata and
-  // the API document.
-  static bool needs_admission(const Request& request);
+  Response handle(const Request& request) const;
 
   const Limits& limits() const;
   // Returns the memory of cached asset files, mostly meshes.

@@ -166,6 +166,5 @@ std::shared_ptr<const dem::Terrain> Renderer::terrain_with(const std::shared_ptr
 }
 std::size_t Renderer::scene_bytes() const { return impl_->cache.capacity(); }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->cache.bytes(); }
-void Renderer::keep_less(std::size_t scene_bytes) const { impl_->cache.keep_less(scene_bytes); }
 
 }  // namespace selenograph::engine

@@ -86,8 +86,6 @@ class Renderer {
   int threads() const;              // number of threads that work on a frame
   std::size_t scene_bytes() const;  // RendererOptions::scene_bytes
   std::size_t scene_bytes_in_use() const;
-  // Reduces the scenes' budget by memory that is needed elsewhere (RenderCache::keep_less).
-  void keep_less(std::size_t scene_bytes) const;
 
  private:
   struct Impl;

@@ -105,7 +105,7 @@ std::shared_ptr<const T> Assets::find(const char* type, const FileVersion& file,
 template <typename T, typename Read>
 std::shared_ptr<const T> Assets::find_small(const char* type, const std::optional<FileVersion>& file,
                                             const StopToken& stop, const Read& read) const {
-  // Upper bound of memory per byte of the file, as JSON (document_bytes) or as rows of numbers.
+  // Upper bound of memory per byte of the file, as JSON or as rows of numbers.
   constexpr std::size_t kBytesPerFileByte = 64;
   if (!file) return nullptr;
   const std::size_t bytes = kBytesPerFileByte * file->state.bytes;

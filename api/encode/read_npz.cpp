@@ -12,6 +12,7 @@
 #include <charconv>
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <stdexcept>
 
@@ -284,26 +285,13 @@ std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
   return members;
 }
 
-// Returns an upper bound of the memory of reading: elements of one byte become doubles, and one member at a time exists
-// unpacked.
-std::size_t unpacked_bytes(const std::vector<NpzMember>& members) {
-  std::size_t total = 0, largest = 0;
-  for (const NpzMember& member : members) {
-    total += member.bytes * (member.npy ? sizeof(double) : 1);
-    largest = std::max(largest, member.bytes);
-  }
-  return total + largest;
-}
-
 }  // namespace
 
-NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const std::function<void(std::size_t bytes)>& claim,
-                   const StopToken& stop) {
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop) {
   const OpenArchive archive =
       open_archive([&](zip_error_t* error) { return zip_source_buffer_create(bytes.data(), bytes.size(), 0, error); },
                    ZIP_CHECKCONS, [](const std::string& why) { refuse_npz("", why + "; numpy.savez makes one"); });
   const std::vector<NpzMember> members = list_members(archive.get(), max_bytes);
-  if (claim) claim(unpacked_bytes(members));
   NpzArrays arrays;
   for (std::size_t i = 0; i < members.size(); ++i) {
     const NpzMember& member = members[i];

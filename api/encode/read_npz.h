@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -26,11 +25,9 @@ using NpzArrays = std::map<std::string, NpzArray>;
 // NPY 1.0 to 3.0, little-endian numbers of up to 8 bytes or booleans, C or Fortran order, stored or deflated, each name
 // once, nothing else.
 //
-// `max_bytes` limits the size of all arrays unpacked. `claim`, which may be empty, is called once before anything is
-// unpacked, with the memory that reading takes, the result included. Throws RequestError "malformed_npz" that names the
-// array, or "too_large".
-NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes,
-                   const std::function<void(std::size_t bytes)>& claim = {}, const StopToken& stop = {});
+// `max_bytes` limits the size of all arrays unpacked. Throws RequestError "malformed_npz" that names the array, or
+// "too_large".
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop = {});
 
 // Returns the text of the member `name` (with its extension) of an archive within a file, which begins at `offset` and
 // has `bytes` bytes; empty if there is no such member. Nothing else is unpacked. Throws std::runtime_error naming the

@@ -3,18 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 
-#include "api/json/document_bytes.h"
 #include "dem/base/names.h"
 #include "engine/cache/budget.h"
 
 namespace selenograph::api {
 namespace {
-
-// Longest wait of an admitted request for memory of other requests. After that it fails as "busy" and frees its slot
-// for requests that need less memory.
-constexpr auto kMaxWait = std::chrono::seconds(2);
 
 // Returns true if a Content-Type header names the media type. It ignores case and parameters: JSON is UTF-8 by
 // definition (RFC 8259, 8.1).
@@ -22,12 +16,6 @@ bool has_media_type(std::string_view media_type, std::string content_type) {
   content_type = content_type.substr(0, content_type.find(';'));
   content_type.erase(content_type.find_last_not_of(" \t") + 1);
   return dem::same_text(content_type, media_type);
-}
-
-// Parses JSON whose memory is claimed first.
-Json parse_claimed(std::string_view text, const EndpointContext& context) {
-  context.memory.claim_body(document_bytes(text), context.stop);
-  return parse_json(text, context.limits.max_json_depth);
 }
 
 }  // namespace
@@ -60,7 +48,7 @@ Json json_body(const EndpointContext& context) {
     throw RequestError("too_large", "the body has " + std::to_string(request.body.size()) + " bytes, at most " +
                                         std::to_string(context.limits.max_body_bytes) + " are taken");
   }
-  return parse_claimed(request.body, context);
+  return parse_json(request.body);
 }
 
 GroundHeights ground_heights(const EndpointContext& context) {
@@ -78,46 +66,39 @@ Body parse_body(const EndpointContext& context) {
   }
   // The text has the limit of a JSON body. All unpacked arrays together may have four times as many bytes.
   const std::size_t max_text_bytes = context.limits.max_body_bytes;
-  const auto claim = [&](std::size_t bytes) { context.memory.claim_body(bytes, context.stop); };
-  Body body{Json::object(), read_npz(request.body, 4 * max_text_bytes, claim, context.stop)};
+  Body body{Json::object(), read_npz(request.body, 4 * max_text_bytes, context.stop)};
   if (const auto text = body.arrays.find("request"); text != body.arrays.end()) {
     if (!text->second.text)
       throw RequestError("malformed_npz", "array \"request\" is not a text", {{"/request", "must be a JSON text"}});
     if (text->second.text->size() > max_text_bytes)
       throw RequestError("too_large", fmt::format("the text \"request\" has {} bytes, at most {} are taken",
                                                   text->second.text->size(), max_text_bytes));
-    body.json = parse_claimed(*text->second.text, context);
+    body.json = parse_json(*text->second.text);
     body.arrays.erase(text);
   }
   return body;
 }
 
-void RequestMemory::claim_body(std::size_t bytes, const StopToken& stop) {
-  body_bytes_ += bytes;
-  claim_work(0, "", stop);
-}
-
-void RequestMemory::claim_work(std::size_t work_bytes, std::string_view pointer, const StopToken& stop) {
-  const std::size_t bytes = body_bytes_ + work_bytes;
-  if (claim_.bytes() > 0 && claim_.try_resize(bytes)) return;
-  // Release the claim before waiting: two requests that each hold memory and wait for more would deadlock.
-  claim_ = {};
-  if (!budget_.fits(bytes)) {
+void RequestMemory::claim_work(std::size_t bytes, std::string_view pointer, const StopToken& stop) {
+  if (bytes > admission_.limits().max_bytes) {
     const std::string detail =
         fmt::format("takes {} MB of memory, the service has {} MB for all requests (--memory-mb)", bytes >> 20,
-                    budget_.capacity() >> 20);
+                    admission_.limits().max_bytes >> 20);
     throw RequestError("invalid_request", "the request " + detail, {{std::string(pointer), detail}});
   }
-  auto claim = budget_.claim(bytes, StopToken::Clock::now() + kMaxWait, stop);
-  if (!claim) throw RequestError("busy", "the memory that this request takes is in use by others");
-  claim_ = std::move(*claim);
+  // Measures the wait however it ends.
+  struct Wait {
+    Admission::Clock::duration& measured;
+    Admission::Clock::time_point start = Admission::Clock::now();
+    ~Wait() { measured = Admission::Clock::now() - start; }
+  } const wait{queued_};
+  permit_ = needs_slot_ ? admission_.enter(client_, bytes, stop) : admission_.claim(bytes);
 }
 
-MemoryBudget::Claim RequestMemory::release_for_answer(std::size_t answer_bytes) {
-  body_bytes_ = 0;
-  if (claim_.bytes() == 0) claim_work(answer_bytes, "", {});
-  claim_.resize(answer_bytes);
-  return std::move(claim_);
+Admission::Permit RequestMemory::release_for_answer(std::size_t answer_bytes) {
+  if (!permit_) permit_ = admission_.claim(answer_bytes);
+  permit_.finish(answer_bytes);
+  return std::move(permit_);
 }
 
 std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,

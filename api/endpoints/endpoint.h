@@ -11,8 +11,8 @@
 #include "api/encode/negotiate.h"
 #include "api/encode/read_npz.h"
 #include "api/json/json_reader.h"
+#include "api/message/admission.h"
 #include "api/message/json_text.h"
-#include "api/message/memory_budget.h"
 #include "api/message/message.h"
 #include "api/message/problem.h"
 #include "api/requests/parts/detail_json.h"
@@ -25,29 +25,30 @@ namespace selenograph::api {
 // Cache of the metadata of recent frames, by content hash, for frames whose header could not hold all of it.
 using LongMetadata = dem::Cache<std::string, std::string>;
 
-// Claim of one request on the service's memory budget. It grows with the phases of the request:
+// Admission of one request:
 //
-//   parse     claim_body(document), claim_body(arrays)
-//   work      claim_work(engine + answer)                  replaces the previous work, keeps the body
-//   send      release_for_answer(bytes of the answer)      keeps only the answer
+//   parse     nothing is claimed: bodies are bounded by their limit
+//   work      claim_work(engine + answer)                  waits for memory and, for an expensive request, a slot
+//   send      release_for_answer(bytes of the answer)      returns the slot, keeps the answer's memory
 class RequestMemory {
  public:
-  explicit RequestMemory(MemoryBudget& budget) : budget_(budget) {}
+  // Writes the time in the queue to `queued`.
+  RequestMemory(Admission& admission, const std::string& client, bool needs_slot, Admission::Clock::duration& queued)
+      : admission_(admission), client_(client), needs_slot_(needs_slot), queued_(queued) {}
 
-  // Claims `bytes` for the request itself, its document and arrays, until release_for_answer(). Throws as claim_work().
-  void claim_body(std::size_t bytes, const StopToken& stop);
-
-  // Claims `bytes` for the work, instead of the previous amount, and waits briefly for them. Throws RequestError:
-  // invalid_request at `pointer` when the budget can never hold as much, busy when it cannot now. Throws Cancelled.
+  // Waits for `bytes` and for a slot; call it once, before the work. Throws RequestError: invalid_request at `pointer`
+  // when the service never has as much memory, busy when the queue is full. Throws Cancelled.
   void claim_work(std::size_t bytes, std::string_view pointer, const StopToken& stop);
 
-  // Returns the claim, resized to an answer of `answer_bytes`.
-  MemoryBudget::Claim release_for_answer(std::size_t answer_bytes);
+  // Returns the permit for an answer of `answer_bytes`, without its slot.
+  Admission::Permit release_for_answer(std::size_t answer_bytes);
 
  private:
-  MemoryBudget& budget_;
-  MemoryBudget::Claim claim_;
-  std::size_t body_bytes_ = 0;
+  Admission& admission_;
+  const std::string& client_;
+  const bool needs_slot_;
+  Admission::Clock::duration& queued_;
+  Admission::Permit permit_;
 };
 
 // Everything that an endpoint may use to answer one request.

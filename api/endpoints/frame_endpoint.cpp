@@ -322,7 +322,6 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
 
 // Answers a request with "cameras". It parses and checks all cameras first, so that a fault of one costs no frame.
 Response answer_cameras(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
-  const double kernel_before_ms = kernel_ms();
   const Representation& npz = representation(Format::npz);
   const std::string accept = header(context.request, "accept");
   if (!accepts(accept, npz.media_type))
@@ -343,8 +342,9 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
     if (const std::string hash = hash_of_all(cameras); names_etag(etags, hash))
       return with_echo(cameras.front().query, not_modified(hash));
   }
-  context.memory.claim_work(bytes, "/cameras", context.stop);
   const double parse_ms = watch.lap_ms();
+  context.memory.claim_work(bytes, "/cameras", context.stop);
+  const double kernel_before_ms = kernel_ms();
 
   engine::StageTimes times;
   bool has_replaced_files = false;  // then there is no ETag
@@ -376,7 +376,6 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
 }
 
 Response answer_frame(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
-  const double kernel_before_ms = kernel_ms();
   FrameQuery query = read_frame(body, context.limits, context.assets, context.stop, ground_heights(context));
   const std::string accept = header(context.request, "accept");
   const Representation& representation = representation_for(query, accept);
@@ -386,8 +385,9 @@ Response answer_frame(const EndpointContext& context, const Json& body, engine::
     const std::string hash = hash_beforehand(query, "/pose", representation, context);
     if (names_etag(etags, hash)) return with_echo(query, not_modified(hash));
   }
-  context.memory.claim_work(bytes_of(query.request), "/camera", context.stop);
   const double parse_ms = watch.lap_ms();
+  context.memory.claim_work(bytes_of(query.request), "/camera", context.stop);
+  const double kernel_before_ms = kernel_ms();
 
   const engine::Frame frame = render(query, context);
   context.stop.check();

@@ -43,8 +43,8 @@ Response answer_maps(const EndpointContext& context) {
     response.status = 304;
     return response;
   }
-  context.memory.claim_work(bytes_of(query.request), "/map", context.stop);
   const double parse_ms = watch.lap_ms();
+  context.memory.claim_work(bytes_of(query.request), "/map", context.stop);
   const engine::Map map = render_map(query, context);
   context.stop.check();
   watch.lap_ms();  // the lap of encoding begins here: the renderer has measured its own stages

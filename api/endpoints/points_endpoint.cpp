@@ -134,6 +134,7 @@ Response answer_heights(const EndpointContext& context) {
 
 Response answer_height(const EndpointContext& context) {
   const Geographic point = read_height_query(context.request.query);
+  claim_memory(context, 1, "");
   const dem::Terrain& terrain = context.renderer.terrain();
   const dem::HeightAnswer height = terrain.height(point.lat_deg, point.lon_deg, context.stop);
   context.stop.check();

@@ -21,10 +21,12 @@ namespace selenograph::api {
 // Type of input. Members are in a tree, so that look-up is fast for any body. (Output is ordered_json.)
 using Json = nlohmann::json;
 
+inline constexpr int kMaxJsonDepth = 16;  // nesting of a request
+
 // Parses strict JSON (RFC 8259). Throws RequestError: "malformed_json" for text that is not JSON, NaN and Infinity
 // included, and for nesting deeper than max_depth; "invalid_request" for a duplicate member and for numbers beyond the
 // range of double.
-Json parse_json(std::string_view text, int max_depth);
+Json parse_json(std::string_view text, int max_depth = kMaxJsonDepth);
 
 // An interval of numbers, closed by default. The API document prints the same objects.
 struct Range {

@@ -9,7 +9,6 @@ namespace selenograph::api {
 
 struct Limits {
   std::size_t max_body_bytes = std::size_t{4} << 20;
-  int max_json_depth = 16;
   int max_image_side = 8192;
   std::int64_t max_image_pixels = std::int64_t{16} << 20;
   std::int64_t max_map_pixels = std::int64_t{16} << 20;

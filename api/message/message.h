@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "api/message/limits.h"
-#include "api/message/memory_budget.h"
 
 namespace selenograph::api {
 
@@ -22,6 +21,8 @@ struct Request {
   std::multimap<std::string, std::string> query;  // decoded
   std::multimap<std::string, std::string> headers;
   std::string body;
+  std::string peer;    // numeric address of the client, or of its proxy
+  std::string client;  // identity in the queue: `peer`, or "token NAME" as named by a proxy
   std::chrono::steady_clock::time_point received = std::chrono::steady_clock::now();
   const std::atomic<bool>* abandoned = nullptr;  // becomes true when the client has disconnected
 };
@@ -43,8 +44,8 @@ struct Response {
   // Error code, also the label in metrics; empty on success.
   std::string error_code;
   StageTimes stages{};  // in the order of the header Server-Timing; empty: the answer has no such header
-  // Claim of the body's bytes on the service's memory budget, held until the answer is sent.
-  std::shared_ptr<const MemoryBudget::Claim> memory;
+  std::chrono::steady_clock::duration queued{};  // time in the queue
+  std::shared_ptr<const void> memory;            // keeps the body's bytes claimed (Admission) until the answer is sent
 };
 
 // Returns the values of all headers of this (lower-case) name, joined with commas; empty if there are none.

@@ -16,7 +16,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 24> kTable{{
+constexpr std::array<ErrorRow, 22> kTable{{
     {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter cannot be understood."},
     {"malformed_json", 400, "Malformed JSON",
@@ -41,7 +41,6 @@ constexpr std::array<ErrorRow, 24> kTable{{
      "machine, and localhost there, need none."},
     {"invalid_request", 422, "Invalid request",
      "Well-formed JSON that asks for something impossible; `errors` points at each offending member."},
-    {"headers_too_large", 431, "Headers too large", "The request's headers are larger than the service accepts."},
     {"client_gone", 499, "Client closed the connection",
      "The client left before its answer was ready. Seen in metrics only."},
     {"internal", 500, "Internal error", "A bug of the service itself."},
@@ -51,7 +50,6 @@ constexpr std::array<ErrorRow, 24> kTable{{
     {"asset_error", 500, "Asset unusable",
      "A file of the assets folder that the request names cannot be used; `detail` names file and line. The operator "
      "must fix it."},
-    {"not_implemented", 501, "Not implemented", "No resource of this service supports this method."},
     {"busy", 503, "Busy",
      "The service is at capacity: no slot is free, and the queue is full; `Retry-After` says when to retry."},
     {"storage_unavailable", 503, "Storage unavailable",
@@ -136,9 +134,7 @@ Response fault(const Request& request, std::string_view code, const std::excepti
   return problem(std::string(code), e.what());
 }
 
-// Returns the result of `work`, or the problem for its exception. May throw std::bad_alloc: memory may be too short for
-// the problem, too.
-Response answer_or_described_problem(const Request& request, const std::function<Response()>& work) {
+Response answer_or_problem(const Request& request, const std::function<Response()>& work) {
   try {
     return work();
   } catch (const RequestError& e) {
@@ -172,22 +168,6 @@ Response answer_or_described_problem(const Request& request, const std::function
   } catch (...) {
     return problem("internal", "an unexpected error");
   }
-}
-
-Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept {
-  try {
-    return answer_or_described_problem(request, work);
-  } catch (...) {
-    return out_of_memory();
-  }
-}
-
-// The error code fits into std::string's inline buffer (15 characters in libstdc++): nothing is allocated.
-Response out_of_memory() noexcept {
-  Response answer;
-  answer.status = 503;
-  answer.error_code = kOutOfMemory;
-  return answer;
 }
 
 }  // namespace selenograph::api

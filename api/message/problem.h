@@ -78,10 +78,7 @@ Response retry_problem(const std::string& code, const std::string& detail, int r
 // ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable",
 // TooMuchWork "deadline_exceeded", Cancelled "client_gone" or "deadline_exceeded", a lack of memory or threads
 // kOutOfMemory. Anything else, including a library's std::invalid_argument, is "internal": its text is logged for the
-// operator and not sent.
-Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept;
-
-// Returns status and error code without a body and without allocating: server/ sends a body that it has prepared.
-Response out_of_memory() noexcept;
+// operator and not sent. Throws std::bad_alloc if memory is too short for the problem, too.
+Response answer_or_problem(const Request& request, const std::function<Response()>& work);
 
 }  // namespace selenograph::api

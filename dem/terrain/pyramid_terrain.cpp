@@ -150,7 +150,6 @@ BlockCache& PyramidTerrain::blocks() const { return impl_->blocks; }
 BlockStore* PyramidTerrain::block_store() const { return impl_->ground.get(); }
 int PyramidTerrain::new_detail_number() const { return ++impl_->details; }
 
-void PyramidTerrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }
 void PyramidTerrain::stop_building() const { impl_->store.stop_building(); }
 std::vector<std::string> PyramidTerrain::warnings() const { return impl_->trouble.warnings(); }
 std::string PyramidTerrain::cache_trouble() const { return impl_->trouble.cache_trouble(); }

@@ -47,8 +47,6 @@ class PyramidTerrain final : public Terrain {
   // The store of blocks with detail in the cache folder; null: none.
   BlockStore* block_store() const;
 
-  // Reduces the cache's budget by memory that is needed elsewhere.
-  void keep_less(std::size_t bytes) const;
   // Ends all builds, because the service is shutting down: waiting callers throw Cancelled. Returns at once.
   void stop_building() const;
   // Returns the warnings since the terrain was opened, one per faulty file, as in the log.

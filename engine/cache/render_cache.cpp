@@ -273,30 +273,23 @@ void RenderCache::settle() {
   reserve();
 }
 
-// Splits the budget. Finished scenes get the rest; the latest of them is never evicted to withhold bytes.
+// Splits the budget. Finished scenes get the rest:
 //
-//   |<------------------------ capacity ------------------------->|
-//   | other data | scenes being built | withheld | finished scenes |
+//   |<------------------ capacity ------------------->|
+//   | other data | scenes being built | finished scenes |
 void RenderCache::reserve() {
   std::size_t being_built;
   {
     const std::lock_guard lock(reservation_mutex_);
     being_built = reserved_bytes_;
   }
-  const std::size_t others = other_bytes() + being_built, needed = others + latest_scene_bytes(),
-                    spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
-  scenes_.reserve(others + std::min(withheld_bytes_.load(), spare));
+  scenes_.reserve(other_bytes() + being_built);
 }
 
 std::size_t RenderCache::latest_scene_bytes() {
   const std::lock_guard lock(scenes_mutex_);
   const auto scene = latest_scenes_.empty() ? nullptr : latest_scenes_.front().lock();
   return scene ? scene->bytes + scene->bytes / 16 : 0;  // 1/16: allowance for entries that come with a scene
-}
-
-void RenderCache::keep_less(std::size_t bytes) {
-  withheld_bytes_ = bytes;
-  reserve();
 }
 
 }  // namespace selenograph::engine

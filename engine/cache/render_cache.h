@@ -73,10 +73,6 @@ class RenderCache {
   // frame much larger than the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
-  // Withholds `bytes` of the budget, which are needed elsewhere: scenes are evicted, except for the latest one. The
-  // limit on one frame does not change.
-  void keep_less(std::size_t bytes);
-
   SpeedGauge& speed(Visibility visibility) {
     return visibility == Visibility::zbuffer ? speed_of_zbuffer_ : speed_of_rays_;
   }
@@ -114,7 +110,6 @@ class RenderCache {
   Pool<FrameScratch> scratch_;
   std::mutex reservation_mutex_;
   std::size_t reserved_bytes_ = 0;              // by scenes that are being built
-  std::atomic<std::size_t> withheld_bytes_{0};  // keep_less()
   // The most recent scenes, drawn or prepared, newest first, if still in use or cached: a moving camera's next scene
   // shares most blocks with one of them.
   static constexpr std::size_t kLatestScenes = 4;

@@ -14,11 +14,4 @@ struct HeapStatistics {
 // Returns the heap's statistics; zeros if the heap does not report them.
 HeapStatistics heap_statistics();
 
-// Returns free memory to the system. Nothing else does: each frame reuses the memory that the one before freed.
-void give_back_free_memory();
-
-// Touches `bytes` of free memory. The system allocates a page on its first write, which can take seconds per gigabyte
-// on virtual machines. Returns false if there is less memory.
-bool touch_memory(std::size_t bytes);
-
 }  // namespace selenograph::engine

@@ -14,7 +14,6 @@ namespace selenograph::server {
 
 api::Limits command_limits() {
   return {.max_body_bytes = std::size_t{1} << 30,
-          .max_json_depth = 256,
           .max_image_side = 65535,
           .max_image_pixels = std::int64_t{1} << 28,
           .max_map_pixels = std::int64_t{1} << 28,

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "api/answers/metadata.h"
+#include "api/json/json_reader.h"
 #include "api/message/json_text.h"
 #include "api/message/version.h"
 #include "server/campaign/campaign.h"
@@ -110,7 +111,7 @@ int batch(const BatchSettings& settings) {
                           .in_work = settings.in_work};
   if (options.in_work == 0) options.in_work = std::thread::hardware_concurrency() > 1 ? 2 : 1;
   stop_on_signal();
-  const Manifest manifest(settings.manifest, settings.limits.max_json_depth);
+  const Manifest manifest(settings.manifest, api::kMaxJsonDepth);
   const auto renderer = make_renderer(settings.terrain);
   const api::Service service(renderer, settings.limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
   const std::string made_by =
@@ -124,7 +125,7 @@ int batch(const BatchSettings& settings) {
 
 int batch_verify(const BatchVerifySettings& settings) {
   set_up_log("info");
-  const Manifest manifest(settings.manifest, api::Limits().max_json_depth);
+  const Manifest manifest(settings.manifest, api::kMaxJsonDepth);
   const CheckResult result = check_campaign(manifest, settings.output);
   std::size_t bad = 0;
   for (const LineNotDone& finding : result.not_done) {

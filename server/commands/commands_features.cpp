@@ -104,7 +104,7 @@ int features(const FeaturesSettings& settings) {
   const auto renderer = make_renderer(settings.terrain);
   std::vector<OutputFile> files;
   const api::Response answer = api::answer_or_problem({}, [&] {
-    const auto json = [&](const std::string& text) { return api::parse_json(text, limits.max_json_depth); };
+    const auto json = [&](const std::string& text) { return api::parse_json(text); };
     if (!region.empty()) files.push_back(list_region(json(region), settings, *renderer, assets, limits));
     if (!frame.empty()) files.push_back(list_frame(json(frame), settings, *renderer, assets, limits));
     return api::Response{};

@@ -164,7 +164,7 @@ int run(const TiledSettings& settings, std::span<const api::Alternative> alterna
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   std::optional<Query> query;
   const api::Response reading = api::answer_or_problem({}, [&] {
-    query.emplace(read(api::parse_json(text, limits.max_json_depth), limits, assets, {}));
+    query.emplace(read(api::parse_json(text), limits, assets, {}));
     return api::Response{};
   });
   if (reading.status != 200) {

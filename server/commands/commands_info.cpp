@@ -13,7 +13,7 @@
 #include "dem/terrain/resampling.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
-#include "server/service/coverage.h"
+#include "server/commands/coverage.h"
 
 namespace selenograph::server {
 namespace {

@@ -126,7 +126,7 @@ struct Atlas {
 
   // Reads the request at an epoch or, if null, at its own.
   api::MapQuery query(const Epoch* epoch) const {
-    api::Json body = api::parse_json(request, limits.max_json_depth);
+    api::Json body = api::parse_json(request);
     if (epoch) body = at_epoch(std::move(body), *epoch);
     api::MapQuery query = api::read_map(body, limits, assets);
     api::check_map_answer(query, media_type);

@@ -4,75 +4,44 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <functional>
+#include <memory>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
 #include "api/answers/metadata.h"
+#include "api/message/admission.h"
 #include "api/message/version.h"
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
-#include "server/commands/trial.h"
 #include "server/http/http_server.h"
 #include "server/service/front.h"
-#include "server/service/heap_trim.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
-#include "server/service/open_files.h"
 #include "server/service/shutdown_signals.h"
 
 namespace selenograph::server {
 namespace {
 
-HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudget> bodies,
-                         std::function<int()> retry_after_s) {
+// Time for a client to send its request, and to take its answer.
+constexpr std::chrono::seconds kReceiveTime{20}, kAnswerTime{60};
+
+HttpOptions http_options(const ServeSettings& s, std::function<int()> retry_after_s) {
   return {.host = s.host,
           .port = s.port,
           .max_connections = s.max_connections,
           .max_body_bytes = s.limits.max_body_bytes,
-          .bodies = std::move(bodies),
-          .idle_timeout = milliseconds(s.idle_timeout_s),
-          .receive_timeout = milliseconds(s.receive_timeout_s),
-          .send_pace = {.bytes_per_s = s.send_kb_per_s * 1024},
+          .idle_time = milliseconds(s.idle_timeout_s),
+          .receive_time = kReceiveTime,
+          .answer_time = kAnswerTime,
           .retry_after_s = std::move(retry_after_s),
+          .reserved_paths = kProbePaths,
           .trusted_proxies = s.trusted_proxy,
           .allowed_hosts = s.allowed_host};
-}
-
-// Resident memory of the idle program, its libraries and threads (tests/service/memory_test.py).
-constexpr std::size_t kIdleBytes = std::size_t{160} << 20;
-
-std::size_t budgets_bytes(const MemoryParts& parts) { return (parts.cache_mb + parts.scene_mb) << 20; }
-
-// Limits resident memory to the budgets of terrain and scenes plus a twentieth, for the program itself and for heap
-// fragments. With small budgets the idle program would take most of that, so the limit is then its memory plus 70 % of
-// the budgets. Requests of up to an eighth of the budgets are included; larger ones are added.
-HeapTrim::Plan heap_plan(const MemoryParts& parts, bool keep_free, const engine::Renderer& renderer,
-                         std::function<std::size_t()> requests_bytes) {
-  const std::size_t terrain_bytes = parts.cache_mb << 20;
-  const std::size_t budgets = budgets_bytes(parts);
-  const auto max_resident_bytes = [budgets, requests_bytes = std::move(requests_bytes)] {
-    const std::size_t requests = requests_bytes();
-    return std::max(budgets + budgets / 20, kIdleBytes + budgets / 10 * 7) + (requests > budgets / 8 ? requests : 0);
-  };
-  const auto keep_less = [&renderer](std::size_t bytes) {
-    renderer.terrain().keep_less(bytes);
-    renderer.keep_less(bytes);
-  };
-  return {.slack_bytes = budgets / 20,
-          .max_cache_cut_bytes = terrain_bytes / 2,
-          .keep_free = keep_free,
-          .max_resident_bytes = max_resident_bytes,
-          .keep_less = keep_less};
-}
-
-// Touches as much memory as the budgets exceed the process's resident memory.
-void pretouch(const MemoryParts& parts) {
-  const std::size_t bytes = budgets_bytes(parts) - std::min(budgets_bytes(parts), resident_bytes());
-  if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system could not provide {} MiB", bytes >> 20);
 }
 
 // Returns the number of requests that are processed at once.
@@ -89,39 +58,30 @@ void record_access(Metrics& metrics, const AsyncLog& log, const AccessRecord& re
   log.log_request(is_probe ? spdlog::level::debug : spdlog::level::info, request);
 }
 
-// Gives a proxy the time to notice that this node is not ready, before the node refuses any request.
-void drain(Front& front, std::chrono::milliseconds time) {
-  front.begin_drain();
-  if (time.count() == 0) return;
-  spdlog::info("drain began: not ready, requests are refused in {:g} s", std::chrono::duration<double>(time).count());
-  std::this_thread::sleep_for(time);
-}
-
 // Ends the service after a signal:
 //
-//   signal          --drain-s                       cut         --shutdown-s
-//   |  not ready, but  |  new requests get 503, active  |  exit as soon  |
-//   |  all is served   |  and queued ones finish        |  as possible   |  exit status 1
+//   signal                                        cut         --shutdown-s
+//   |  not ready, new requests get 503, active     |  exit as soon  |
+//   |  and queued ones finish                      |  as possible   |  exit status 1
 //
 // Finishes active and queued requests; health and metrics are answered until then. Shortly before the time limit it
 // cuts the remaining connections, which cancels their requests.
-void finish(Front& front, Admission& admission, HttpServer& server, const dem::PyramidTerrain& terrain,
+void finish(Front& front, api::Admission& admission, HttpServer& server, const dem::PyramidTerrain& terrain,
             std::chrono::milliseconds time_limit) {
-  const auto cut = Admission::Clock::now() + time_limit - std::min(time_limit / 5, std::chrono::milliseconds(1000));
+  const auto cut = HttpServer::Clock::now() + time_limit - std::min(time_limit / 5, std::chrono::milliseconds(1000));
   front.begin_shutdown();
+  admission.close();
   spdlog::info("shutdown began: {} requests in work, {} waiting", admission.in_work(), admission.waiting());
-  const bool is_idle = admission.wait_until_idle(cut);
-  server.stop();
-  if (is_idle && server.wait_until_done(cut)) return;
+  admission.wait_until_idle(cut);
+  if (server.stop(cut)) return;
   spdlog::warn("cut {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
                admission.waiting());
-  server.cut();
   terrain.stop_building();
 }
 
-// Reads the renderer's, the service's and the budgets' values for /metrics and /health/ready.
-void read_gauges(const engine::Renderer& renderer, const api::Service& service, const api::MemoryBudget& memory,
-                 const api::MemoryBudget& bodies, Gauges& gauges) {
+// Reads the renderer's, the service's and the queue's values for /metrics and /health/ready.
+void read_gauges(const engine::Renderer& renderer, const api::Service& service, const api::Admission& admission,
+                 Gauges& gauges) {
   gauges.cache = renderer.terrain().statistics();
   gauges.terrain_warnings = renderer.terrain().warnings().size();
   gauges.scene_bytes = renderer.scene_bytes_in_use();
@@ -129,43 +89,42 @@ void read_gauges(const engine::Renderer& renderer, const api::Service& service, 
   gauges.preparation = renderer.preparation_statistics();
   gauges.cache_trouble = renderer.terrain().cache_trouble();
   gauges.mesh_bytes = service.mesh_bytes();
-  gauges.request_memory_bytes = memory.in_use();
-  gauges.request_memory_capacity_bytes = memory.capacity();
-  gauges.body_bytes = bodies.in_use();
+  gauges.frames_in_work = admission.in_work();
+  gauges.frames_waiting = admission.waiting();
+  gauges.max_in_work = admission.limits().max_in_work;
+  gauges.max_waiting = admission.limits().max_waiting;
+  gauges.request_memory_bytes = admission.bytes_in_use();
+  gauges.request_memory_capacity_bytes = admission.limits().max_bytes;
+}
+
+// Divides the memory, and logs the parts.
+MemoryPlan logged_memory_plan(const MemorySettings& settings) {
+  const MemoryPlan plan = plan_memory(settings);
+  require_memory_for_requests(plan);
+  spdlog::info("memory: {} MiB, of which terrain {}, scenes {}, meshes {}, requests {}", plan.total_mb, plan.cache_mb,
+               plan.scene_mb, plan.mesh_mb, plan.requests_mb);
+  if (const std::size_t machine_mb = machine_memory_mb(); plan.total_mb > machine_mb)
+    spdlog::warn("--memory-mb {} exceeds the {} MiB that this process may use", plan.total_mb, machine_mb);
+  return plan;
 }
 
 int run_service(const ServeSettings& settings, ShutdownSignals& signals, const AsyncLog& log) {
-  if (settings.drain_s >= settings.shutdown_s)
-    throw std::runtime_error(fmt::format("--drain-s {:g} must be less than --shutdown-s {:g}, of which it is a part",
-                                         settings.drain_s, settings.shutdown_s));
-  raise_open_files_limit(settings.max_connections);
-  const MemoryParts parts = memory_parts(settings.terrain.memory);
-  const MemoryPlan plan = plan_memory(parts);
-  spdlog::info("memory: {} MiB, of which terrain {}, scenes {}, meshes {}, requests {}, bodies {}", parts.total_mb,
-               parts.cache_mb, parts.scene_mb, parts.mesh_mb, plan.requests_bytes >> 20, plan.bodies_bytes >> 20);
-  if (const std::size_t machine_mb = machine_memory_mb(); parts.total_mb > machine_mb)
-    spdlog::warn("--memory-mb {} exceeds the {} MiB that this process may use", parts.total_mb, machine_mb);
+  const MemoryPlan plan = logged_memory_plan(settings.terrain.memory);
   const auto renderer = make_renderer(settings.terrain);
-  const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes);
-  const auto bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
-  if (settings.pretouch) pretouch(parts);
-  const HeapTrim trim(
-      heap_plan(parts, settings.pretouch, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
-  const api::Limits& limits = settings.limits;
-  const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
-  Admission admission({.max_in_work = slots(settings), .max_waiting = settings.max_waiting});
+  const auto admission = std::make_shared<api::Admission>(api::AdmissionLimits{
+      .max_in_work = slots(settings), .max_waiting = settings.max_waiting, .max_bytes = plan.requests_mb << 20});
+  const api::Service service(renderer, settings.limits, settings.terrain.assets_dir, mesh_options(settings.terrain),
+                             admission);
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;  // set below: the front end is made first, and is asked for gauges only later
-  Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
-    read_gauges(*renderer, service, *memory, *bodies, gauges);
+  Front front(service, metrics, settings.page, [&](Gauges& gauges) {
+    read_gauges(*renderer, service, *admission, gauges);
     gauges.connections = http->connections();
     gauges.log_lines_dropped = log.dropped();
   });
   HttpServer server(
-      http_options(settings, bodies, [&] { return admission.retry_after_s(); }),
-      [&](const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) {
-        return front.handle(request, peer, queued);
-      },
+      http_options(settings, [&] { return admission->retry_after_s(); }),
+      [&](const api::Request& request) { return front.handle(request); },
       [&](const AccessRecord& request) { record_access(metrics, log, request); });
   http = &server;
   const std::chrono::milliseconds time_limit = milliseconds(settings.shutdown_s);
@@ -173,18 +132,10 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
   std::thread accepting([&] { server.run(); });
   fmt::print("selenograph: listening on {}\n", server.url());
   std::fflush(stdout);
-
-  bool is_good = true;
-  if (settings.trial) {
-    is_good = run_trial(server.url(), renderer->terrain().catalogue());
-  } else {
-    signals.wait();
-    drain(front, milliseconds(settings.drain_s));
-  }
-  finish(front, admission, server, renderer->terrain(),
-         settings.trial ? time_limit : time_limit - milliseconds(settings.drain_s));
+  signals.wait();
+  finish(front, *admission, server, renderer->terrain(), time_limit);
   accepting.join();
-  return is_good ? 0 : 1;
+  return 0;
 }
 
 }  // namespace

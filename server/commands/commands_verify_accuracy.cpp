@@ -166,7 +166,7 @@ engine::AccuracyScene requested_scene(const VerifyAccuracySettings& s, const eng
   const api::Assets assets(s.terrain.assets_dir, mesh_options(s.terrain));
   const api::Limits limits = command_limits();
   try {
-    const api::Json body = api::parse_json(read_request(s.request), limits.max_json_depth);
+    const api::Json body = api::parse_json(read_request(s.request));
     const api::FrameQuery query = api::read_frame(body, limits, assets, {}, ground_heights(renderer));
     refuse_unmeasurable(body, query);
     engine::FrameRequest frame = query.request;

@@ -133,7 +133,7 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
 // Adds options of files, folders and memory.
 void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   // MemoryPlan decides (memory_plan.h).
-  const std::string memory_default = "; default: 1024, or less if that does not fit";
+  const std::string memory_default = "; default: a share of the memory, at most 1024";
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "Read options from this TOML file, e.g. cache-mb = 2048")->type_name("FILE");
   command.add_option("--dem", s.dem, "Use these DEM files and folders; default: sample terrain")
@@ -149,7 +149,6 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
           "--remote-prefix", s.remote_prefix,
           "Allow remote DEMs with this name or below it, e.g. /vsicurl/https://example.org/dem/; default: local files "
           "only")
-      ->each([&s](const std::string&) { s.memory.remote_tiles = true; })
       ->type_name("PREFIX ...")
       ->expected(1, 1 << 20);
   command
@@ -306,9 +305,6 @@ void add_options(CLI::App& command, api::Limits& s) {
       .add_option("--max-lidar-rays", s.max_lidar_rays, "Limit the sub-rays of a lidar's scan: beams times sub_rays")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 32))
       ->capture_default_str();
-  command.add_option("--max-json-depth", s.max_json_depth, "Limit the nesting depth of a request")
-      ->check(CLI::Range(4, 256))
-      ->capture_default_str();
 }
 
 void add_options(CLI::App& command, ServeSettings& s) {
@@ -321,7 +317,7 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->capture_default_str();
   command
       .add_option("--memory-mb", s.terrain.memory.memory_mb,
-                  "Limit all memory, MiB: --cache-mb, --scene-mb, --mesh-mb, active requests, bodies and answers. "
+                  "Limit all memory, MiB: --cache-mb, --scene-mb, --mesh-mb, active requests and answers. "
                   "0: three quarters of the machine's memory, at most 8192")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
@@ -335,35 +331,16 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->capture_default_str();
   command
       .add_option("--max-connections", s.max_connections,
-                  "Limit the connections; beyond the limit, close the one that has been idle longest")
+                  "Limit the connections; beyond the limit, idle ones are closed, and only health and metrics answered")
       ->check(CLI::Range(4, 65536))
       ->capture_default_str();
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "Limit the time of an idle connection")
       ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
-  command.add_option("--receive-timeout-s", s.receive_timeout_s, "Limit the time for receiving a request")
-      ->check(number_in(0.1, 86400.0))
-      ->capture_default_str();
-  command
-      .add_option("--send-kb-per-s", s.send_kb_per_s,
-                  "Cut clients that read an answer at less than this rate, KiB/s, after ten seconds")
-      ->check(number_in(1.0, 1e6))
-      ->capture_default_str();
   command.add_option("--shutdown-s", s.shutdown_s, "Limit the time from SIGTERM to the end of the process")
       ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
-  command
-      .add_option("--drain-s", s.drain_s,
-                  "Accept requests for this part of --shutdown-s, while /health/ready tells a proxy to send them "
-                  "elsewhere")
-      ->check(number_in(0.0, 86400.0))
-      ->capture_default_str();
   add_access(command, s);
-  command.add_flag(
-      "--pretouch", s.pretouch,
-      "Touch the memory of --cache-mb and --scene-mb at the start, so that no frame waits for the system to "
-      "provide it");
-  command.add_flag("--trial", s.trial, "Start, send trial requests, stop");
 }
 
 CLI::Validator number_in(double low, double high) {

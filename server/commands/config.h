@@ -50,16 +50,12 @@ struct ServeSettings {
   int max_frames = 0;     // requests processed at once; 0: number of cores
   int max_waiting = 256;  // a waiting request occupies a connection, a thread and its body
   int max_connections = 256;
-  double idle_timeout_s = 30, receive_timeout_s = 20;
-  double send_kb_per_s = 64;            // minimum rate of reading an answer, KiB/s on average after ten seconds
+  double idle_timeout_s = 30;
   double shutdown_s = 10;               // from SIGTERM to the end of the process
-  double drain_s = 0;                   // part of shutdown_s in which requests are still accepted
   PageAccess page = PageAccess::local;  // who may open the pages
   LogFormat log_format = LogFormat::text;
   std::vector<std::string> trusted_proxy;  // addresses whose token header is trusted, in addition to loopback
   std::vector<std::string> allowed_host;   // names and addresses accepted in Host, in addition to `host`
-  bool pretouch = false;                   // touch the budgets' memory at the start
-  bool trial = false;                      // run trial requests, then stop
 };
 
 void add_options(CLI::App& command, TerrainSettings& settings);

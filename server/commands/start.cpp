@@ -120,7 +120,7 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
   dem::TerrainOptions options;
   options.cache_dir = settings.cache_dir;
   options.ground_disk_bytes = settings.ground_disk_mb << 20;
-  options.cache_bytes = memory_parts(settings.memory).cache_mb << 20;
+  options.cache_bytes = plan_memory(settings.memory).cache_mb << 20;
   options.fall_through = settings.on_data_error == "fall-through";
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
   options.threads = settings.threads;
@@ -130,7 +130,7 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings) {
   engine::RendererOptions options;
   options.threads = settings.threads;
-  options.scene_bytes = memory_parts(settings.memory).scene_mb << 20;
+  options.scene_bytes = plan_memory(settings.memory).scene_mb << 20;
   return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
 }
 
@@ -145,7 +145,7 @@ std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const Terr
 
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
   // Names the running executable, even if its file has been replaced since the start.
-  return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
+  return {"/proc/self/exe", plan_memory(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
 }
 
 }  // namespace selenograph::server

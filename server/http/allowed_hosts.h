@@ -11,9 +11,15 @@
 #include <string_view>
 #include <vector>
 
-#include "server/http/request_head.h"
+#include "server/http/caller.h"
 
 namespace selenograph::server {
+
+// Reason to refuse a request: the code of a row of the api's error table, and details.
+struct Refusal {
+  std::string error_code;
+  std::string detail;
+};
 
 // Returns true for a host name or a numeric address (IPv6 with or without brackets), without scheme, port and path.
 bool is_host(std::string_view text);
@@ -25,16 +31,15 @@ class AllowedHosts {
 
   // Returns nothing if the request is accepted. Names are compared without case and without a final dot, addresses by
   // value; ports of hosts are not compared, because a forwarded port differs and a rebound page has the right one.
-  //  - "malformed_request": the authority is not a host with an optional port;
-  //  - "misdirected_request": its host is none of localhost, 127.0.0.1, [::1], --host, --allowed-host and
-  //    `local_address`, the server's numeric address of this connection. HTTP/1.0 without Host passes: browsers do not
-  //    send it, and health checks of proxies do;
+  //  - "malformed_request": Host is not a host with an optional port;
+  //  - "misdirected_request": it is none of localhost, 127.0.0.1, [::1], --host, --allowed-host and `local_address`,
+  //    the server's numeric address of this connection. A request without Host passes: browsers always send it;
   //  - "foreign_origin": Origin is neither the request's own host and port nor, by http or https and on any port, a
   //    host of --allowed-host. "null" (a file, a sandboxed frame) is always foreign.
-  std::optional<Refusal> refusal(const RequestHead& head, std::string_view local_address) const;
+  std::optional<Refusal> refusal(const Headers& headers, std::string_view local_address) const;
 
  private:
-  bool is_own_page(std::string_view origin, const RequestHead& head) const;
+  bool is_own_page(const std::string& origin, const std::string& own_host) const;
 
   std::set<std::string> served_;   // names and addresses accepted in Host
   std::set<std::string> allowed_;  // --allowed-host: also accepted in Origin

@@ -1,186 +1,79 @@
 #include "server/http/http_server.h"
 
-// Debian's cpp-httplib is a compiled library, and macros determine the layout of its classes. `pkg-config --cflags
-// cpp-httplib` gives the macros that it was built with.
-#if !defined(CPPHTTPLIB_OPENSSL_SUPPORT) || !defined(CPPHTTPLIB_ZLIB_SUPPORT) || !defined(CPPHTTPLIB_BROTLI_SUPPORT)
-#error "compile with the flags of pkg-config --cflags cpp-httplib"
-#endif
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <httplib.h>
-#include <netinet/tcp.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <charconv>
+#include <cstdint>
 #include <cstring>
-#include <new>
+#include <limits>
+#include <memory>
 #include <stdexcept>
-#include <thread>
+#include <string_view>
+#include <utility>
 
 #include "api/message/problem.h"
 #include "api/message/timing.h"
 #include "api/message/version.h"
 #include "dem/base/names.h"
-#include "server/http/allowed_hosts.h"
-#include "server/http/caller.h"
-#include "server/http/connection.h"
-#include "server/http/connections.h"
-#include "server/http/request_head.h"
 
 // A request's way, all on its connection's thread. Indented calls are made by the line above them:
 //
 //   serve_request
-//     Connection::begin_request          waits for the first byte
-//     process
-//       httplib process_request          reads request line and headers from LibraryStream
-//         take_head                      checks them, and hides headers from the library
-//         pre-routing handler            a refused request, or one without a body: respond
-//         POST handler                   receive_body, then respond
-//         error handler                  the library refused the request, or has no route
-//         (library)                      writes head and body to LibraryStream, which gathers them
-//     Connection::flush                  sends the rest
-//     observe                            log and metrics
-//
-// respond calls work, which calls the service's handler; hand_over passes the answer to the library.
+//     httplib process_request          reads request line and headers from the Connection
+//       take_head                      checks them, and hides headers from the library
+//       pre-routing handler            a refused request, or one without a body: answer
+//       POST handler                   receive_body, then answer
+//       error handler                  the library refused the request
+//       (library)                      writes head and body to the Connection
+//     observe                          log and metrics
 
 namespace selenograph::server {
 namespace {
 
-using Clock = Connection::Clock;
-constexpr auto kLinger = std::chrono::milliseconds(2000);  // see Connection::linger()
-constexpr auto kLingerOfAcceptingThread = std::chrono::milliseconds(500);
-constexpr int kSpareRetryAfter_s = 5;           // of the answer that is prepared for a lack of memory
-constexpr std::size_t kFreeBody_bytes = 65536;  // claims no memory: a connection may hold as much anyway
-constexpr char kRequestId[] = "X-Request-Id";
+using Clock = HttpServer::Clock;
+constexpr auto kDetectionInterval = std::chrono::milliseconds(250);  // of clients that have disconnected
+constexpr std::size_t kMaxHeadBytes = 16384, kMaxTargetBytes = 2048;
+constexpr std::size_t kMaxFramingBytes = 65536;  // of a body in chunks, in addition to as many as the body's limit
+// Threads for connections beyond the limit: health and metrics are answered, all others refused.
+constexpr int kReservedConnections = 8;
+constexpr auto kReservedTime = std::chrono::milliseconds(2000);  // for a head on a reserved connection
 // The library would act on these headers, but ranges, content codings and forms are not offered.
 constexpr const char* kHiddenHeaders[] = {"Range", "If-Range", "Accept-Encoding", "Content-Type"};
 
 double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
 
-// One request of a connection, from its first byte to the last of its answer.
-struct Exchange {
-  explicit Exchange(Connection& connection_in) : connection(connection_in) {
-    record.request_id = new_request_id();
-    record.host = connection.peer().host;
-  }
-
-  Connection& connection;
-  AccessRecord record{};
-  api::Request request{};
-  std::optional<Refusal> refusal{};
-  api::MemoryBudget::Claim body_memory{};
-  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory{};  // held until the answer is sent
-  Clock::time_point started = Clock::now();                         // time of the complete request
-  std::size_t written_bytes = 0;                                    // head and body, sent or not
-  bool answered = false;                                            // by hand_over(); else the library refused it
-  bool close = false;                                               // close the connection after the answer
-};
-
-// Exchange of this thread's request: the library passes nothing to its handlers that identifies the connection.
-thread_local Exchange* current_exchange = nullptr;
-// True while a connection is handled on the accepting thread, because no other thread could be started.
-thread_local bool is_without_thread = false;
-
-// Adapts a connection to the library's interface for reading and writing.
-class LibraryStream : public httplib::Stream {
- public:
-  explicit LibraryStream(Exchange& exchange) : exchange_(exchange) {}
-  bool is_readable() const override { return true; }
-  bool is_writable() const override { return true; }
-  ssize_t read(char* to, std::size_t size) override { return exchange_.connection.read(to, size); }
-  ssize_t write(const char* bytes, std::size_t size) override {
-    exchange_.written_bytes += size;
-    return exchange_.connection.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
-  }
-  // The library only compares it with FD_SETSIZE; poll() has no such bound.
-  socket_t socket() const override { return 0; }
-  void get_remote_ip_and_port(std::string&, int&) const override {}
-  void get_local_ip_and_port(std::string&, int&) const override {}
-
- private:
-  Exchange& exchange_;
-};
-
-// Returns the head as the client sent it, with header names in lower case.
-RequestHead head_of(const httplib::Request& request) {
-  RequestHead head{request.method, request.target, request.version == "HTTP/1.0", {}};
+// Returns the headers as the client sent them, with names in lower case.
+Headers headers_of(const httplib::Request& request) {
+  Headers headers;
   for (const auto& [name, value] : request.headers) {
     // The library adds the connection's addresses as headers of these names.
-    if (name.ends_with("_ADDR") || name.ends_with("_PORT")) continue;
-    head.headers.emplace(dem::lower(name), value);
+    if (!name.ends_with("_ADDR") && !name.ends_with("_PORT")) headers.emplace(dem::lower(name), value);
   }
-  return head;
+  return headers;
 }
 
-// Returns the row of the api's error table for a refusal by the library.
-Refusal refusal_for(int status, const httplib::Request& request) {
-  if (status == 404) return {"not_found", "no such resource"};
-  if (status == 414) return {"uri_too_long", "the request target is too long"};
-  if (status == 500) return {"internal", "the request could not be handled"};
-  const bool is_known = is_http_method(request.method) || !request.version.starts_with("HTTP/1.");
-  if (!is_known) return {"not_implemented", "no resource here has the method " + request.method.substr(0, 40)};
-  return {"malformed_request", "not a well-formed HTTP/1.1 request"};
+// Returns the value of Content-Length; 0 without one.
+std::uint64_t length_of(const Headers& headers) {
+  const auto length = headers.find("content-length");
+  std::uint64_t bytes = 0;
+  if (length == headers.end()) return 0;
+  const char* const end = length->second.data() + length->second.size();
+  const bool is_number = std::from_chars(length->second.data(), end, bytes).ptr == end;
+  return is_number ? bytes : std::numeric_limits<std::uint64_t>::max();
 }
 
-// Returns the text of an answer to a client whose request is not read to its end.
-std::string last_answer(const api::Response& answer, std::string_view request_id) {
-  std::string text = fmt::format("HTTP/1.1 {} {}\r\nAccept-Ranges: none\r\nConnection: close\r\n", answer.status,
-                                 api::error_row(answer.error_code).title);
-  for (const auto& [name, value] : answer.headers) text += fmt::format("{}: {}\r\n", name, value);
-  text += fmt::format("{}: {}\r\nContent-Type: {}\r\nContent-Length: {}\r\n\r\n", kRequestId, request_id,
-                      answer.content_type, answer.body.size());
-  return text + answer.body;
+bool has_control(std::string_view text) {
+  return std::ranges::any_of(text, [](unsigned char c) { return c < 32 || c == 127; });
 }
 
-}  // namespace
-
-struct HttpServer::Impl : private httplib::Server {
- public:
-  Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in);
-
-  void run();
-  void stop();
-
-  const HttpOptions options;
-  const AllowedHosts hosts;
-  const HttpServer::Handler handler;
-  const Observer observer;
-  const std::string spare_answer;  // sent when there is no memory for another
-  int port;
-  std::atomic<bool> stopping{false};
-  Connections connections;
-
- private:
-  class ThreadPerConnection;
-  void set_handlers();
-  void bind(int at_port);
-  bool process_and_close_socket(socket_t socket) override;
-  void serve_or_refuse(Connection& connection);
-  void serve(Connection& connection);
-  bool serve_request(Connection& connection);
-  bool process(Exchange& exchange);
-  void take_head(Exchange& exchange, httplib::Request& request) const;
-  api::Response respond(Exchange& exchange, const httplib::Request& request, const httplib::ContentReader* read_body);
-  void receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const;
-  api::Response work(Exchange& exchange);
-  api::Response refuse(const Refusal& why) const;
-  void answer_without_memory(Connection& connection) noexcept;
-  void observe(const AccessRecord& record) noexcept;
-};
-
-namespace {
-
-// Records the answer, and moves it into the library's response.
-void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
-  exchange.answered = true;
-  exchange.record.status = answer.status;
-  exchange.record.bytes = answer.body.size();  // serve_request() subtracts what the client does not take
-  exchange.record.error_code = answer.error_code;
-  exchange.answer_memory = std::move(answer.memory);
+// Writes an answer to the library's response. A request whose head was refused has no id.
+void write(api::Response&& answer, const std::string& request_id, httplib::Response& out) {
   out.status = answer.status;
   for (const auto& [name, value] : answer.headers) out.set_header(name, value);
-  out.set_header(kRequestId, exchange.record.request_id);
+  if (!request_id.empty()) out.set_header("X-Request-Id", request_id);
   if (!answer.stages.empty()) out.set_header("Server-Timing", api::timing_text(answer.stages));
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
   out.set_header("Accept-Ranges", "none");
@@ -190,39 +83,46 @@ void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& ou
 
 }  // namespace
 
-// Takes the place of the library's queue of accepted connections: none waits.
-class HttpServer::Impl::ThreadPerConnection : public httplib::TaskQueue {
-  using Enqueued = decltype(std::declval<httplib::TaskQueue&>().enqueue({}));  // bool since cpp-httplib 0.14
-
- public:
-  explicit ThreadPerConnection(Connections& connections) : connections_(connections) {}
-  Enqueued enqueue(std::function<void()> serve) override {
-    try {
-      connections_.start_thread(serve);
-    } catch (const std::exception&) {  // no thread or no memory: refuse this client on the accepting thread
-      is_without_thread = true;
-      serve();
-      is_without_thread = false;
-    }
-    return static_cast<Enqueued>(true);
+// One request of a connection, from its first byte to the last of its answer.
+struct HttpServer::Exchange {
+  Exchange(Connection& connection_in, bool is_reserved_in) : connection(connection_in), is_reserved(is_reserved_in) {
+    record.request_id = request_id_of({});
+    record.host = connection.remote_address();
   }
-  void shutdown() override {}  // run() waits for the connections
 
- private:
-  Connections& connections_;
+  Connection& connection;
+  const bool is_reserved;  // the connection is beyond the limit
+  AccessRecord record{};
+  api::Request request{};
+  std::optional<Refusal> refusal{};
+  std::shared_ptr<const void> answer_memory{};  // held until the answer is sent
+  Clock::time_point started = Clock::now();     // time of the complete request
+  bool answered = false;                        // by hand_over(); else the library refused it
+  bool close = false;                           // close the connection after the answer
 };
 
-HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in)
-    : options(options_in),
-      hosts(options.host, options.allowed_hosts),
-      handler(std::move(handler_in)),
-      observer(std::move(observer_in)),
-      spare_answer(last_answer(
-          api::retry_problem(std::string(api::kOutOfMemory), "not enough memory for this request", kSpareRetryAfter_s),
-          new_request_id())),
-      port(options.port),
-      connections(options.max_connections) {
-  new_task_queue = [this] { return new ThreadPerConnection(connections); };
+// Carries the exchange from take_head() to the handlers, in a member of the library's request that only its client
+// uses.
+struct HttpServer::ExchangeCarrier {
+  Exchange* exchange;
+  bool operator()(const httplib::Response&) const { return true; }
+};
+
+// Returns null for a request whose head the library has refused.
+HttpServer::Exchange* HttpServer::exchange_of(const httplib::Request& request) {
+  const auto* carrier = request.response_handler.target<ExchangeCarrier>();
+  return carrier ? carrier->exchange : nullptr;
+}
+
+HttpServer::HttpServer(const HttpOptions& options, Handler handler, Observer observer)
+    : options_(options),
+      hosts_(options.host, options.allowed_hosts),
+      handler_(std::move(handler)),
+      observer_(std::move(observer)),
+      port_(options.port) {
+  const auto threads = static_cast<std::size_t>(options.max_connections + kReservedConnections);
+  new_task_queue = [threads] { return new httplib::ThreadPool(threads); };
+  set_payload_max_length(options.max_body_bytes);
   // Set only SO_REUSEADDR: with SO_REUSEPORT, the library's default, a second service could share the port unnoticed.
   set_socket_options([](socket_t socket) {
     const int on = 1;
@@ -230,301 +130,265 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
   });
   set_handlers();
   bind(options.port);
+  detection_ = std::thread([this] { detect_disconnected_clients(); });
 }
 
-void HttpServer::Impl::bind(int at_port) {
+HttpServer::~HttpServer() {
+  {
+    const std::lock_guard lock(mutex_);
+    ending_ = true;
+    changed_.notify_all();
+  }
+  detection_.join();
+}
+
+void HttpServer::bind(int at_port) {
   errno = 0;
-  port = at_port == 0 ? bind_to_any_port(options.host) : bind_to_port(options.host, at_port) ? at_port : -1;
-  if (port < 0)
-    throw std::runtime_error(fmt::format("cannot listen on {} port {}: {}", options.host, at_port,
+  port_ = at_port == 0 ? bind_to_any_port(options_.host) : bind_to_port(options_.host, at_port) ? at_port : -1;
+  if (port_ < 0)
+    throw std::runtime_error(fmt::format("cannot listen on {} port {}: {}", options_.host, at_port,
                                          errno != 0 ? std::strerror(errno) : "unknown host"));
   ::listen(svr_sock_, SOMAXCONN);  // the library's backlog is only 5
 }
 
 // Routes all paths to one handler: the api's table of routes also decides on 404, 405 and Allow.
-void HttpServer::Impl::set_handlers() {
+void HttpServer::set_handlers() {
   set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
-    Exchange& exchange = *current_exchange;
+    Exchange& exchange = *exchange_of(request);
     if (request.method == "POST" && !exchange.refusal) return HandlerResponse::Unhandled;  // its body is read first
-    hand_over(exchange, respond(exchange, request, nullptr), out);
+    answer(exchange, request, out);
     return HandlerResponse::Handled;
   });
   Post(R"([\s\S]*)",
        [this](const httplib::Request& request, httplib::Response& out, const httplib::ContentReader& read_body) {
-         hand_over(*current_exchange, respond(*current_exchange, request, &read_body), out);
+         Exchange& exchange = *exchange_of(request);
+         receive_body(exchange, read_body);
+         answer(exchange, request, out);
        });
-  // Handlers throw only for lack of memory, when the library's own answer would not fit, either.
-  set_exception_handler([](const httplib::Request&, httplib::Response&, const std::exception_ptr& error) {
-    std::rethrow_exception(error);
+  set_exception_handler([this](const httplib::Request& request, httplib::Response& out, const std::exception_ptr&) {
+    hand_over(*exchange_of(request), refuse({std::string(api::kOutOfMemory), "not enough memory for this request"}),
+              out);
   });
   set_error_handler([this](const httplib::Request& request, httplib::Response& out) {
-    Exchange& exchange = *current_exchange;
-    if (exchange.answered) return;
-    exchange.close = true;
-    if (exchange.record.method.empty()) {
-      exchange.record.method = request.method;
-      if (!has_control(request.target)) exchange.record.target = request.target;
-    }
-    const auto& problem = exchange.connection.problem();
-    hand_over(exchange, refuse(problem ? *problem : refusal_for(out.status, request)), out);
+    Exchange* const exchange = exchange_of(request);
+    if (exchange && exchange->answered) return;
+    api::Response problem =
+        refuse({"malformed_request", "not a well-formed HTTP/1.1 request whose head arrives whole and in time"});
+    exchange ? hand_over(*exchange, std::move(problem), out) : write(std::move(problem), {}, out);
   });
-  set_post_routing_handler([](const httplib::Request&, httplib::Response& out) {
+  set_post_routing_handler([](const httplib::Request& request, httplib::Response& out) {
+    const Exchange* const exchange = exchange_of(request);
     if (out.status == 304) out.headers.erase("Content-Length");  // 0 would contradict the representation's length
     out.headers.erase("Keep-Alive");                             // states a limit of requests that does not exist
     out.headers.erase("Connection");
-    if (current_exchange->close) out.set_header("Connection", "close");
+    if (!exchange || exchange->close) out.set_header("Connection", "close");
   });
 }
 
 // Listens again after an error of accept(), which may concern a single client and must not end the service.
-void HttpServer::Impl::run() {
-  while (!listen_after_bind() && !stopping) {
+void HttpServer::run() {
+  while (!listen_after_bind() && !stopping_) {
     spdlog::warn("accept() failed, listening again: {}", std::strerror(errno));
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    bind(port);
+    bind(port_);
   }
-  connections.close_waiting();
-  connections.wait_until_done(Clock::time_point::max());
 }
 
-void HttpServer::Impl::stop() {
-  stopping = true;
+bool HttpServer::stop(Clock::time_point deadline) {
+  stopping_ = true;
   ::shutdown(svr_sock_, SHUT_RDWR);  // accept() fails from now on, even if it has not been called yet
-  connections.close_waiting();
-}
-
-bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
-  const int on = 1;
-  ::fcntl(socket, F_SETFD, FD_CLOEXEC);
-  ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
-  bool has_owner = false;
-  try {
-    Connection connection(socket, peer_of(socket), options.send_pace);
-    has_owner = true;
-    if (is_without_thread) {
-      // Linger, although this thread accepts nobody meanwhile: a reset would discard the answer of a client that is
-      // still sending.
-      if (connection.write_without_memory(spare_answer)) connection.linger(kLingerOfAcceptingThread);
-    } else {
-      serve_or_refuse(connection);
-    }
-  } catch (const std::bad_alloc&) {
-    if (!has_owner) ::close(socket);  // no memory even for the Connection, which would have closed it
-  }
-  return true;  // the library ignores it
-}
-
-// Refuses the connection if all connections are at work.
-void HttpServer::Impl::serve_or_refuse(Connection& connection) {
-  bool is_added = false;
-  try {
-    is_added = connections.add(connection);
-    if (!is_added && connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
-        connection.flush())
-      connection.linger(kLinger);
-  } catch (const std::bad_alloc&) {
-    answer_without_memory(connection);
-  }
-  if (!is_added) return;
-  serve(connection);
-  connections.remove(connection);
-}
-
-// Serves the requests of a connection, one after the other, until it ends or the server stops.
-void HttpServer::Impl::serve(Connection& connection) {
-  try {
-    while (!stopping && serve_request(connection)) connection.end_work();
-  } catch (...) {
-    answer_without_memory(connection);
-  }
-  current_exchange = nullptr;
-}
-
-// Serves one request. Returns false when the connection ends with it.
-bool HttpServer::Impl::serve_request(Connection& connection) {
-  if (!connection.begin_request(options.idle_timeout, options.receive_timeout)) return false;
-  Exchange exchange(connection);
-  bool delivered = process(exchange);
-  AccessRecord& record = exchange.record;
-  if (!exchange.answered) {  // the library could not read a request line
-    if (!connection.problem()) return false;
-    const api::Response answer = refuse(*connection.problem());
-    record.status = answer.status;
-    record.error_code = answer.error_code;
-    exchange.close = true;
-    delivered = connection.write(last_answer(answer, record.request_id));
-  }
-  delivered = delivered && connection.flush();
-  if (!delivered) {
-    // The unsent bytes are the end of the body: subtract them from its size.
-    const std::size_t unsent_bytes = exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes());
-    record.bytes -= std::min(record.bytes, unsent_bytes);
-  }
-  record.seconds = seconds(Clock::now() - exchange.started);
-  observe(record);
-  if (delivered && !exchange.close) return true;
-  connection.end_work();
-  if (delivered) connection.linger(kLinger);
+  std::unique_lock lock(mutex_);
+  end_idle();
+  if (changed_.wait_until(lock, deadline, [this] { return open_.empty(); })) return true;
+  for (Connection* connection : open_) connection->cut();
   return false;
 }
 
-// Lets the library read, route and answer one request. Returns false if the answer could not be written.
-bool HttpServer::Impl::process(Exchange& exchange) {
-  current_exchange = &exchange;
-  LibraryStream stream(exchange);
-  bool closed = false;
+int HttpServer::connections() const {
+  const std::lock_guard lock(mutex_);
+  return static_cast<int>(open_.size());
+}
+
+// Serves the requests of a connection, one after the other, until it ends or the server stops.
+bool HttpServer::process_and_close_socket(socket_t socket) {
+  Connection connection(socket);
+  const bool is_reserved = add(connection);
+  const auto idle_time = is_reserved ? kReservedTime : options_.idle_time;
+  try {
+    while (!stopping_ && connection.wait_for_request(Clock::now() + idle_time) &&
+           serve_request(connection, is_reserved)) {
+    }
+  } catch (const std::exception& e) {  // no memory for the exchange
+    spdlog::warn("connection of {} ended: {}", connection.remote_address(), e.what());
+  }
+  const std::lock_guard lock(mutex_);
+  open_.remove(&connection);
+  changed_.notify_all();
+  return true;  // the library ignores it
+}
+
+// Returns true if the connection is beyond the limit although idle ones were ended.
+bool HttpServer::add(Connection& connection) {
+  std::unique_lock lock(mutex_);
+  open_.push_back(&connection);
+  const auto is_beyond = [this] { return static_cast<int>(open_.size()) > options_.max_connections; };
+  if (is_beyond() && end_idle() > 0) changed_.wait_for(lock, kReservedTime, [&] { return !is_beyond(); });
+  return is_beyond();
+}
+
+// Ends the connections that wait for a request; under mutex_. Returns their number.
+long HttpServer::end_idle() {
+  return std::ranges::count_if(open_, [](Connection* connection) { return connection->end_idle(); });
+}
+
+void HttpServer::detect_disconnected_clients() {
+  std::unique_lock lock(mutex_);
+  while (!changed_.wait_for(lock, kDetectionInterval, [this] { return ending_; }))
+    for (Connection* connection : open_) connection->detect_disconnect();
+}
+
+// Lets the library read, route and answer one request. Returns false when the connection ends with it.
+bool HttpServer::serve_request(Connection& connection, bool is_reserved) {
+  Exchange exchange(connection, is_reserved);
+  connection.limit_time(is_reserved ? kReservedTime : options_.receive_time);
+  connection.limit_bytes(kMaxHeadBytes);
+  bool is_last = false;
   const auto take = [&](httplib::Request& request) { take_head(exchange, request); };
   // cpp-httplib 0.18 also takes the addresses of both ends, which it only passes on.
   const auto process_in = [&](auto& library) {
-    if constexpr (requires { library.process_request(stream, false, closed, take); })
-      return library.process_request(stream, false, closed, take);
+    if constexpr (requires { library.process_request(connection, false, is_last, take); })
+      return library.process_request(connection, false, is_last, take);
     else
-      return library.process_request(stream, "", 0, "", 0, false, closed, take);
+      return library.process_request(connection, "", 0, "", 0, false, is_last, take);
   };
-  return process_in(*this);
+  const bool is_delivered = process_in(*this);
+  exchange.answer_memory.reset();
+  AccessRecord& record = exchange.record;
+  if (!exchange.answered) {                          // the library has refused the head
+    if (connection.sent_bytes() == 0) return false;  // no request line
+    record.error_code = "malformed_request";
+    record.status = api::error_row(record.error_code).status;
+    exchange.close = true;
+  }
+  record.bytes = std::min(record.bytes, connection.sent_bytes());
+  record.seconds = seconds(Clock::now() - exchange.started);
+  observer_(record);
+  if (is_delivered && exchange.close) connection.linger();
+  return is_delivered && !exchange.close && !is_last;
 }
 
 // Checks the parsed head, and removes the headers on which the library would act.
-void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) const {
-  exchange.connection.end_head();
-  RequestHead head = head_of(request);
-  const std::string target = resolve_authority(head);
-  if (target != head.target) request.path = httplib::detail::decode_url(target.substr(0, target.find('?')), false);
+void HttpServer::take_head(Exchange& exchange, httplib::Request& request) const {
+  request.response_handler = ExchangeCarrier{&exchange};
   AccessRecord& record = exchange.record;
-  record.method = exchange.request.method = head.method;
-  if (!has_control(target)) record.target = target;
-  record.path = record.target.substr(0, record.target.find('?'));  // respond() sets the decoded path
-  record.request_id = request_id_of(head.headers);
-  if (is_trusted_proxy(record.host, options.trusted_proxies)) record.token = token_of(head.headers);
-  exchange.refusal = refusal_of(head, options.max_body_bytes);
-  if (!exchange.refusal) exchange.refusal = hosts.refusal(head, exchange.connection.peer().local);
-  exchange.close = exchange.refusal || ends_connection(head);
+  Headers& headers = exchange.request.headers = headers_of(request);
+  record.method = exchange.request.method = request.method;
+  if (!has_control(request.target)) record.target = request.target;
+  record.path = record.target.substr(0, record.target.find('?'));  // answer() sets the decoded path
+  record.request_id = request_id_of(headers);
+  if (is_loopback(record.host) || std::ranges::count(options_.trusted_proxies, record.host) > 0)
+    record.token = token_of(headers);
+  exchange.refusal = refusal_of(exchange, request);
+  // The body of a method other than POST is never read, and must not be taken for the next request.
+  const bool has_body = headers.contains("transfer-encoding") || length_of(headers) > 0;
+  exchange.close = exchange.refusal || (request.method != "POST" && has_body) || request.version == "HTTP/1.0" ||
+                   dem::lower(request.get_header_value("Connection")) == "close";
   for (const char* name : kHiddenHeaders) request.headers.erase(name);
   request.ranges.clear();
-  const bool is_body_read = head.method == "POST" && !exchange.refusal;
-  if (!is_body_read || !announces_body(head) || head.http_1_0) request.headers.erase("Expect");
-  if (is_body_read && !announces_body(head))
-    request.set_header("Content-Length", "0");  // else read until the end of stream
-  exchange.request.headers = std::move(head.headers);
+  if (exchange.refusal) request.headers.erase("Expect");
+  if (!has_body) request.set_header("Content-Length", "0");  // else the library reads until the end of the stream
+  exchange.connection.limit_bytes(2 * options_.max_body_bytes + kMaxFramingBytes);
 }
 
-// Returns the answer to a request whose head has been taken. `read_body` reads the body; null: the request has none.
-api::Response HttpServer::Impl::respond(Exchange& exchange, const httplib::Request& request,
-                                        const httplib::ContentReader* read_body) {
-  if (read_body) receive_body(exchange, *read_body);
+// Returns nothing if the head is accepted. Framing is the library's: see server/http/README.md.
+std::optional<Refusal> HttpServer::refusal_of(const Exchange& exchange, const httplib::Request& request) const {
+  const Headers& headers = exchange.request.headers;
+  if (exchange.is_reserved && std::ranges::find(options_.reserved_paths, request.path) == options_.reserved_paths.end())
+    return Refusal{"busy", "too many connections"};
+  if (request.target.size() > kMaxTargetBytes)
+    return Refusal{"uri_too_long", fmt::format("the request target has more than {} bytes", kMaxTargetBytes)};
+  if (has_control(request.target)) return Refusal{"malformed_request", "the request target holds control characters"};
+  if (headers.count("host") > 1 || (!headers.contains("host") && request.version != "HTTP/1.0"))
+    return Refusal{"malformed_request", "exactly one Host header is needed"};
+  if (headers.contains("content-encoding"))
+    return Refusal{"unsupported_media_type", "bodies with a Content-Encoding are not taken"};
+  if (length_of(headers) > options_.max_body_bytes)
+    return Refusal{"too_large", fmt::format("the body has more than {} bytes", options_.max_body_bytes)};
+  return hosts_.refusal(headers, exchange.connection.local_address());
+}
+
+// Receives the body within its limits of size and time.
+void HttpServer::receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const {
+  std::string& body = exchange.request.body;
+  const bool is_complete = read_body([&](const char* bytes, std::size_t size) {
+    if (size > options_.max_body_bytes - body.size()) {
+      exchange.refusal = Refusal{"too_large", fmt::format("the body has more than {} bytes", options_.max_body_bytes)};
+      return false;
+    }
+    body.append(bytes, size);
+    return true;
+  });
+  if (is_complete || exchange.refusal) return;
+  exchange.refusal = exchange.connection.is_late() ? Refusal{"request_timeout", "the request did not arrive in time"}
+                                                   : Refusal{"malformed_request", "the body could not be read"};
+}
+
+// Answers a request that is complete or refused.
+void HttpServer::answer(Exchange& exchange, const httplib::Request& request, httplib::Response& out) const {
   exchange.started = Clock::now();
   if (exchange.refusal) {
     exchange.close = true;
-    return refuse(*exchange.refusal);
+    return hand_over(exchange, refuse(*exchange.refusal), out);
   }
   exchange.record.request_bytes = exchange.request.body.size();
   exchange.record.path = exchange.request.path = request.path;
   exchange.request.query = request.params;
-  if (exchange.connection.begin_work()) return work(exchange);
-  exchange.close = true;  // given up meanwhile: the client gets no answer
-  return api::problem("busy", "the connection was given up");
+  hand_over(exchange, work(exchange), out);
+}
+
+// Records the answer, and moves it into the library's response.
+void HttpServer::hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) const {
+  AccessRecord& record = exchange.record;
+  exchange.answered = true;
+  exchange.close = exchange.close || stopping_ || exchange.is_reserved;
+  exchange.answer_memory = std::move(answer.memory);
+  exchange.connection.limit_time(options_.answer_time);
+  record.status = answer.status;
+  record.bytes = answer.body.size();  // serve_request() subtracts what the client does not take
+  record.error_code = answer.error_code;
+  record.stages = answer.stages;
+  write(std::move(answer), record.request_id, out);
 }
 
 // Returns the problem document of a refusal.
-api::Response HttpServer::Impl::refuse(const Refusal& why) const {
-  if (why.error_code == "busy") return api::retry_problem(why.error_code, why.detail, options.retry_after_s());
-  return api::problem(why.error_code, why.detail);
-}
-
-// Receives the body within its limits of size and memory; bodies grow nowhere else.
-void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const {
-  // Claim nothing at first: the claim grows with the body's capacity. Without a claim, the body is refused.
-  auto claim = options.bodies->try_claim(0);
-  if (claim) exchange.body_memory = std::move(*claim);
-  std::string& body = exchange.request.body;
-  // Returns true if the memory of the body received so far is claimed.
-  const auto fits = [&] {
-    if (body.size() < kFreeBody_bytes) return claim.has_value();
-    return claim &&
-           (body.capacity() <= exchange.body_memory.bytes() || exchange.body_memory.try_resize(body.capacity()));
-  };
-  const bool is_complete = read_body([&](const char* bytes, std::size_t size) {
-    if (!fits())
-      exchange.refusal = Refusal{"busy", "the memory for request bodies is in use by other requests"};
-    else if (size > options.max_body_bytes - body.size())
-      exchange.refusal = Refusal{"too_large", fmt::format("the body is longer than {} bytes", options.max_body_bytes)};
-    else
-      body.append(bytes, size);
-    return !exchange.refusal;
-  });
-  if (is_complete || exchange.refusal) return;
-  exchange.refusal = exchange.connection.problem();
-  if (!exchange.refusal) exchange.refusal = Refusal{"malformed_request", "the body could not be read"};
+api::Response HttpServer::refuse(const Refusal& why) const {
+  const bool can_retry = api::error_row(why.error_code).status == 503;
+  return can_retry ? api::retry_problem(why.error_code, why.detail, options_.retry_after_s())
+                   : api::problem(why.error_code, why.detail);
 }
 
 // Runs the service's handler, and measures its times.
-api::Response HttpServer::Impl::work(Exchange& exchange) {
+api::Response HttpServer::work(Exchange& exchange) const {
   AccessRecord& record = exchange.record;
-  exchange.request.received = Clock::now();
-  exchange.request.abandoned = &exchange.connection.abandoned();
-  Peer peer = exchange.connection.peer();
-  if (!record.token.empty()) peer.client = "token " + record.token;
-  Clock::duration queued{};
-  api::Response response = handler(exchange.request, peer, queued);
-  record.queued_s = seconds(queued);
-  const double total_s = seconds(Clock::now() - exchange.request.received);
+  api::Request& request = exchange.request;
+  request.received = Clock::now();
+  request.abandoned = &exchange.connection.abandoned();
+  request.peer = record.host;
+  request.client = record.token.empty() ? record.host : "token " + record.token;
+  exchange.connection.begin_work();
+  api::Response response = handler_(request);
+  exchange.connection.end_work();
+  record.queued_s = seconds(response.queued);
+  const double total_s = seconds(Clock::now() - request.received);
   record.work_s = total_s - record.queued_s;
   if (!response.stages.empty()) api::complete_timing(response.stages, 1e3 * total_s);
-  record.stages = response.stages;
-  exchange.request.body = {};  // while a slow client reads its answer, its request holds no memory
-  exchange.body_memory = {};
-  exchange.close = exchange.close || stopping;
-  // Without memory for a problem document, serve() sends the prepared answer.
-  if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
+  request.body = {};  // while a slow client reads its answer, its request holds no memory
   return response;
 }
 
-// Sends the prepared answer, unless a part of another one has already been sent.
-void HttpServer::Impl::answer_without_memory(Connection& connection) noexcept {
-  if (connection.answer_begun() || !connection.write_without_memory(spare_answer)) return;
-  connection.end_work();
-  try {
-    AccessRecord record;
-    record.status = api::error_row(api::kOutOfMemory).status;
-    record.error_code = api::kOutOfMemory;
-    observe(record);
-    connection.linger(kLinger);
-  } catch (...) {
-  }
-}
-
-void HttpServer::Impl::observe(const AccessRecord& record) noexcept {
-  try {
-    observer(record);
-  } catch (...) {  // no memory to count or log it
-  }
-}
-
-HttpServer::HttpServer(const HttpOptions& options, Handler handler, Observer observer)
-    : impl_(std::make_unique<Impl>(options, std::move(handler), std::move(observer))) {}
-HttpServer::~HttpServer() = default;
-
-int HttpServer::port() const { return impl_->port; }
-int HttpServer::connections() const { return impl_->connections.size(); }
 std::string HttpServer::url() const {
-  const std::string& host = impl_->options.host;
-  const bool is_ipv6 = host.find(':') != std::string::npos;
-  return "http://" + (is_ipv6 ? '[' + host + ']' : host) + ':' + std::to_string(port());
-}
-void HttpServer::run() { impl_->run(); }
-void HttpServer::stop() { impl_->stop(); }
-bool HttpServer::wait_until_done(Clock::time_point deadline) { return impl_->connections.wait_until_done(deadline); }
-void HttpServer::cut() { impl_->connections.cut(); }
-
-ClientAnswer http_request(const std::string& url, const std::string& method, const std::string& path,
-                          const std::string& body, const std::string& accept) {
-  httplib::Client client(url);
-  client.set_read_timeout(std::chrono::minutes(2));
-  const httplib::Headers headers{{"Accept", accept}};
-  const httplib::Result result =
-      method == "POST" ? client.Post(path, headers, body, "application/json") : client.Get(path, headers);
-  if (!result) return {};
-  return {result->status, result->get_header_value("Content-Type"), result->body};
+  const bool is_ipv6 = options_.host.find(':') != std::string::npos;
+  return fmt::format("http://{}:{}", is_ipv6 ? '[' + options_.host + ']' : options_.host, port_);
 }
 
 }  // namespace selenograph::server

@@ -8,17 +8,11 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "dem/terrain/terrain.h"
-#include "engine/renderer.h"
-#include "engine/visibility/meshes/mesh_reader.h"
-
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMaxByDefaultMb = 8192;       // of the total without --memory-mb
-constexpr std::size_t kEnoughForRequestsMb = 1024;  // left to requests by parts that no option sets
-// Bodies being received get an eighth of the requests' memory, so that slow senders cannot keep frames from theirs.
-constexpr std::size_t kBodyShare = 8;
+constexpr std::size_t kMaxByDefaultMb = 8192;  // of the total without --memory-mb
+constexpr std::size_t kMinPartMb = 16, kMaxPartMb = 1024;
 
 // Returns the smallest limit of a control group and the groups above it, in bytes. Version 2 writes "max" for no limit.
 // Inside a container only the root may exist: it is the container's own group.
@@ -62,43 +56,28 @@ std::size_t machine_memory_mb() {
   return std::min({(pages * page) >> 20, control_group_limit_mb(), allowed >> 20});
 }
 
-MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
+MemoryPlan plan_memory(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t set_mb = s.cache_mb.value_or(0) + s.scene_mb.value_or(0) + s.mesh_mb.value_or(0);
-  const std::size_t own_mb = kOwnMb + (s.remote_tiles ? kSecondBuildMb : 0);
-  const std::size_t by_default_mb =
-      std::min(machine_mb / 4 * 3, std::max(kMaxByDefaultMb, set_mb > 0 ? set_mb + own_mb + kEnoughForRequestsMb : 0));
-  MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb, .own_mb = own_mb};
-  const std::size_t rest_mb = difference_or_0(parts.total_mb, own_mb);
-  // Memory for the parts that no option sets: half of the rest, or all but what is enough for requests.
-  std::size_t left_mb = difference_or_0(rest_mb - std::min(rest_mb / 2, kEnoughForRequestsMb), set_mb);
-  // Returns a part's option or, without one, its share of `available_mb`, which is then taken from `left_mb`.
-  const auto share_out = [&](const std::optional<std::size_t>& option, std::size_t max_mb, std::size_t available_mb) {
-    if (option) return *option;
-    const std::size_t share_mb = std::max(kMinPartMb, std::min(max_mb, available_mb));
-    left_mb = difference_or_0(left_mb, share_mb);
-    return share_mb;
+  const std::size_t by_default_mb = std::min(machine_mb / 4 * 3, std::max(kMaxByDefaultMb, kOwnMb + 2 * set_mb));
+  MemoryPlan plan{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb};
+  const std::size_t left_mb = difference_or_0(plan.total_mb, kOwnMb + set_mb);
+  const auto share = [&](const std::optional<std::size_t>& option, std::size_t eighths) {
+    return option.value_or(std::clamp(left_mb / 8 * eighths, kMinPartMb, kMaxPartMb));
   };
-  // Scenes come first, but leave to each other part 64 MiB, or a quarter if that is less. Meshes come next, with at
-  // most a quarter of what is left, unless an option sets the terrain's part.
-  const std::size_t other_parts = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
-  const std::size_t for_others_mb = other_parts * std::min<std::size_t>(64, left_mb / 4);
-  parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, left_mb - for_others_mb);
-  parts.mesh_mb = share_out(s.mesh_mb, engine::MeshReaderOptions{}.max_bytes >> 20, left_mb / (s.cache_mb ? 1 : 4));
-  parts.cache_mb = share_out(s.cache_mb, dem::TerrainOptions{}.cache_bytes >> 20, left_mb);
-  return parts;
+  plan.scene_mb = share(s.scene_mb, 3);
+  plan.cache_mb = share(s.cache_mb, 1);
+  plan.mesh_mb = share(s.mesh_mb, 1);
+  plan.requests_mb = difference_or_0(plan.total_mb, kOwnMb + plan.cache_mb + plan.scene_mb + plan.mesh_mb);
+  return plan;
 }
 
-MemoryPlan plan_memory(const MemoryParts& p) {
-  const std::size_t parts_mb = p.cache_mb + p.scene_mb + p.mesh_mb;
-  const std::size_t min_mb = parts_mb + p.own_mb + kMinForRequestsMb;
-  if (p.total_mb < min_mb)
-    throw std::runtime_error(
-        fmt::format("--memory-mb {} is too little: --cache-mb {}, --scene-mb {} and --mesh-mb {} are parts of it, the "
-                    "program takes {} and requests at least {}, {} together",
-                    p.total_mb, p.cache_mb, p.scene_mb, p.mesh_mb, p.own_mb, kMinForRequestsMb, min_mb));
-  const std::size_t rest_mb = p.total_mb - parts_mb - p.own_mb;
-  const std::size_t bodies_mb = rest_mb / kBodyShare;
-  return {p.total_mb << 20, (rest_mb - bodies_mb) << 20, bodies_mb << 20};
+void require_memory_for_requests(const MemoryPlan& p) {
+  if (p.requests_mb >= kMinForRequestsMb) return;
+  throw std::runtime_error(
+      fmt::format("--memory-mb {} is too little: --cache-mb {}, --scene-mb {} and --mesh-mb {} are parts of it, the "
+                  "program takes {} and requests at least {}, {} together",
+                  p.total_mb, p.cache_mb, p.scene_mb, p.mesh_mb, kOwnMb, kMinForRequestsMb,
+                  p.cache_mb + p.scene_mb + p.mesh_mb + kOwnMb + kMinForRequestsMb));
 }
 
 }  // namespace selenograph::server

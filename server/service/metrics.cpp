@@ -3,17 +3,18 @@
 #include <elf.h>
 #include <fmt/format.h>
 #include <link.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstring>
 #include <ctime>
+#include <fstream>
 #include <iterator>
 #include <span>
 
 #include "api/endpoints/routes.h"
 #include "api/message/problem.h"
-#include "server/service/heap_trim.h"
 
 namespace selenograph::server {
 namespace {
@@ -43,6 +44,13 @@ class Exposition {
 };
 
 const auto process_start = std::chrono::system_clock::now();
+
+// Reads the second number of statm, the resident pages (proc(5)).
+std::size_t resident_bytes() {
+  std::size_t all_pages = 0, resident_pages = 0;
+  std::ifstream("/proc/self/statm") >> all_pages >> resident_pages;
+  return resident_pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+}
 
 void write_process(Exposition& out) {
   timespec cpu{};
@@ -78,7 +86,6 @@ void write_gauges(Exposition& out, const Gauges& g) {
              "Bytes of requests being computed and of answers not yet sent", g.request_memory_bytes);
   out.single("selenograph_request_memory_capacity_bytes", "gauge", "Limit of selenograph_request_memory_bytes",
              g.request_memory_capacity_bytes);
-  out.single("selenograph_body_bytes", "gauge", "Bytes of request bodies being received", g.body_bytes);
   out.single("selenograph_mesh_bytes", "gauge",
              "Bytes of cached assets: meshes with their acceleration structures, star catalogues, others",
              g.mesh_bytes);

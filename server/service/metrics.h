@@ -28,7 +28,7 @@ struct Gauges {
   engine::HeapStatistics heap;
   engine::PreparationStatistics preparation;
   std::size_t mesh_bytes = 0;
-  std::size_t request_memory_bytes = 0, request_memory_capacity_bytes = 0, body_bytes = 0;
+  std::size_t request_memory_bytes = 0, request_memory_capacity_bytes = 0;
   std::uint64_t log_lines_dropped = 0;
 };
 

@@ -17,7 +17,7 @@ constexpr char kPolicy[] =
 
 }  // namespace
 
-std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access) {
+std::optional<api::Response> page_for(const api::Request& request, PageAccess access) {
   constexpr std::string_view kHtml = "text/html; charset=utf-8";
   static const std::map<std::string_view, std::pair<std::string_view, std::string_view>> kPages = {
       {"/", {kHtml, page_html()}},
@@ -27,7 +27,7 @@ std::optional<api::Response> page_for(const api::Request& request, const Peer& p
   const auto page = kPages.find(request.path);
   if (page == kPages.end()) return std::nullopt;
   // Requests through a proxy on this machine count as local: behind one, use --page off.
-  if (access == PageAccess::off || (access == PageAccess::local && !is_loopback(peer.host))) return std::nullopt;
+  if (access == PageAccess::off || (access == PageAccess::local && !is_loopback(request.peer))) return std::nullopt;
   api::Response answer;
   answer.headers = {{"Content-Security-Policy", kPolicy},
                     {"X-Content-Type-Options", "nosniff"},

@@ -6,7 +6,6 @@
 #include <string_view>
 
 #include "api/message/message.h"
-#include "server/http/caller.h"
 
 namespace selenograph::server {
 
@@ -22,8 +21,8 @@ std::string_view page_html();
 std::string_view docs_html();
 std::string_view marked_js();
 
-// Returns nothing if the request's path is not a page, or the peer may not open it: the request is then answered like
+// Returns nothing if the request's path is not a page, or its peer may not open it: the request is then answered like
 // one for any other path.
-std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access);
+std::optional<api::Response> page_for(const api::Request& request, PageAccess access);
 
 }  // namespace selenograph::server

@@ -54,7 +54,7 @@ def milliseconds(service, connection, names, way_m, height_m):
 
 
 def flight(tiles, height_m, step_m, frames):
-    services = [harness.Service("--cache-mb", "512", "--scene-mb", "512", "--pretouch", dem=tiles) for _ in SETS]
+    services = [harness.Service("--cache-mb", "512", "--scene-mb", "512", dem=tiles) for _ in SETS]
     connections = [service.connect() for service in services]
     times, stages = [[] for _ in SETS], [[] for _ in SETS]
     for i in range(FIRST + frames):

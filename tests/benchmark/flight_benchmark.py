@@ -8,7 +8,7 @@ TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes, or 
 1024 x 1024 pixels of `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's,
 from the request to the last byte.
 
-    cold     empty cache folder, tiles in the page cache: the first frame (touched: with --pretouch), ingest, and gdaladdo
+    cold     empty cache folder, tiles in the page cache: the first frame, ingest, and gdaladdo
              -r average on copies of the tiles, one after the other; medians of three. Ratios are per post: tiles that
              aren't on the lattice are interpolated to more posts
     disk     bytes of the cache folder after ingest, over those of the .img files
@@ -18,7 +18,7 @@ from the request to the last byte.
     memory   resident memory while frames at full speed cross all tiles, --cache-mb 256 --scene-mb 256
 
 A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is
-in the service's memory, which `--pretouch` has had from the system. N replaces the 300 frames of a flight, the 3000 of
+in the service's memory. N replaces the 300 frames of a flight, the 3000 of
 `memory` and, where it is less, the 60 of hovering: it is a trial then. NAME is a detail of deploy/assets, for all
 frames, which --indirect gives light from terrain. In flights the Sun rises by DEG a frame; left out: it stands. HZ is
 10; a machine on which a frame takes longer has time between frames at a lower rate.
@@ -291,10 +291,9 @@ class Table:
                 shutil.rmtree(cache, ignore_errors=True)
             return statistics.median(times)
 
-        def first_frame(body, *options):
-            with Client(self.tiles, cache, *options) as client:
-                if not options:
-                    starts.append(client.start_s)
+        def first_frame(body):
+            with Client(self.tiles, cache) as client:
+                starts.append(client.start_s)
                 return client.frame(body)[0] / 1000
 
         one = two = None
@@ -311,9 +310,8 @@ class Table:
         def compare(stage, what, seconds):
             row(stage, f"{what}; / gdaladdo", f"{seconds:.2f} s", as_many and seconds / as_many, as_many and 0.8)
 
-        for stage, options in (("cold", ()), ("touched", ("--pretouch",))):
-            for name, body in views:
-                compare(stage, f"first frame, {name}", median(lambda: first_frame(body, *options)))
+        for name, body in views:
+            compare("cold", f"first frame, {name}", median(lambda: first_frame(body)))
         compare("", "ingest", median(lambda: self.ingested_s(cache)))
         if self.area.posts_made > 1.001:
             note(f"ratios are per post: {self.area.posts_made:.2f} are made of each of the tile's")
@@ -331,14 +329,13 @@ class Table:
             client.median(self.area.hovering(at, 5))
             hovering = client.median(self.area.hovering(at, self.hover_frames))
             paced = statistics.median(client.paced(self.area.hovering(at, self.hover_frames), self.rate_hz)[0])
-        for what, options in (("first frame", ()), ("with --pretouch", ("--pretouch",))):
-            firsts, starts = [], []
-            for _ in range(3):
-                with Client(self.tiles, self.warm_disk(), *options) as client:
-                    starts.append(client.start_s)
-                    firsts.append(client.frame(self.area.body(at))[0])
-            row("restart", f"{what}, worst of 3; / hovering", ms(max(firsts)), max(firsts) / hovering, 6)
-            row("", "start until the service listens", f"{max(starts):.2f} s")
+        firsts, starts = [], []
+        for _ in range(3):
+            with Client(self.tiles, self.warm_disk()) as client:
+                starts.append(client.start_s)
+                firsts.append(client.frame(self.area.body(at))[0])
+        row("restart", "first frame, worst of 3; / hovering", ms(max(firsts)), max(firsts) / hovering, 6)
+        row("", "start until the service listens", f"{max(starts):.2f} s")
         row("hover", f"15 km, median of {self.hover_frames} at full speed", ms(hovering))
         row("", f"at {self.rate_hz:g} Hz; / at full speed", ms(paced), paced / hovering)
 
@@ -347,7 +344,7 @@ class Table:
 
     def orbit_once(self, ahead):
         poses = self.area.orbit(self.flight_frames)
-        with Client(self.tiles, self.warm_disk(), "--pretouch") as client:
+        with Client(self.tiles, self.warm_disk()) as client:
             client.median(self.area.hovering(poses[0], 5))
             flown = client.paced(self.area.bodies(poses, ahead), self.rate_hz)
             counters = client.metrics()
@@ -366,7 +363,7 @@ class Table:
         self.with_and_without_ahead("descent", self.descent_once)
 
     def descent_once(self, ahead):
-        with Client(self.tiles, self.warm_disk(), "--pretouch") as client:
+        with Client(self.tiles, self.warm_disk()) as client:
             lat, lon = self.area.middle
             ground = json.loads(client.service.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg={lon}")[2])
             poses = self.area.descent(self.flight_frames, ground["height_m"])

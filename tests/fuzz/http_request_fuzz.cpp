@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kMaxBodyBytes = 1000;
 
-api::Response answer(const api::Request& request, const server::Peer&, server::Connection::Clock::duration&) {
+api::Response answer(const api::Request& request) {
   require(request.body.size() <= kMaxBodyBytes, "bodies are bounded");
   require(request.path.empty() || request.headers.count("host") <= 1, "one host");
   api::Response response;
@@ -26,15 +26,13 @@ api::Response answer(const api::Request& request, const server::Peer&, server::C
 // Runs until the process ends: libFuzzer has no hook for its end.
 const server::HttpServer& service() {
   static server::HttpServer* const running = [] {
-    const auto bodies = std::make_shared<api::MemoryBudget>(std::size_t{1} << 20);
     auto* made = new server::HttpServer({.host = "127.0.0.1",
                                          .port = 0,
                                          .max_connections = 64,
                                          .max_body_bytes = kMaxBodyBytes,
-                                         .bodies = bodies,
-                                         .idle_timeout = std::chrono::seconds(5),
-                                         .receive_timeout = std::chrono::seconds(5),
-                                         .send_pace = {},
+                                         .idle_time = std::chrono::seconds(5),
+                                         .receive_time = std::chrono::seconds(5),
+                                         .answer_time = std::chrono::seconds(5),
                                          .retry_after_s = [] { return 1; }},
                                         answer, [](const server::AccessRecord&) {});
     std::thread([made] { made->run(); }).detach();

@@ -89,18 +89,6 @@ class Memory(unittest.TestCase):
         self.assertLess(idle, 200, "deploy/operation/limits.md says 145 MiB")
         self.assertLessEqual(max(resident), idle + 1.1 * 2 * BUDGET_MB + WORKING_MB)
 
-    @harness.of_memory  # which --pretouch leaves alone
-    def test_pretouch(self):
-        """The budgets' memory is there from the start, and frames take it instead of more."""
-        dem = harness.sample("dem", "--south-deg", "-1", "--west-deg", "28", "--rows", "2", "--columns", "6", "--ppd", "512")
-        service = Service("--cache-mb", "256", "--scene-mb", "256", "--pretouch", "--log-level", "warning", dem=dem)
-        idle = service.resident_mb()
-        resident, _, _ = self.fly(service, (-0.8, 0.8, 28.2, 33.8), REVOLUTION)
-        self.assertEqual(service.stop(), 0)
-        self.assertGreaterEqual(idle, 0.95 * 512)
-        self.assertLessEqual(max(resident), 1.15 * 512)
-        self.assertGreaterEqual(min(resident), 0.9 * 512, "it was given back")
-
     @harness.of_memory
     def test_sample_terrain(self):
         dem = harness.sample("dem", "--south-deg", "-1", "--west-deg", "28", "--rows", "2", "--columns", "6", "--ppd", "512")

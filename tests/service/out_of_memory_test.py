@@ -26,8 +26,9 @@ def tearDownModule():
 class OutOfMemory(unittest.TestCase):
     def start(self, gibibytes, *options):
         limit = int(gibibytes * GIBI)
-        # More than the process may have: nothing is refused before it is tried.
-        service = Service("--log-level", "error", "--max-frames", str(AT_ONCE), "--memory-mb", "8192", *options,
+        # More than the process may have: nothing is refused before it is tried. The stacks of threads take addresses.
+        service = Service("--log-level", "error", "--max-frames", str(AT_ONCE), "--memory-mb", "8192", "--max-connections", "16",
+                          *options,
                           limits=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
         self.assertEqual(service.frame(frame_request())[0], 200)
         return service

@@ -55,12 +55,14 @@ class Works:
             [command] = re.findall(r"^ExecStart=(.*)$", file.read(), re.M)
         return command.split()
 
-    def check_trial(self, *command):
+    def check_starts(self, binary, serve, *options):
         """It starts over this machine's DEM and answers."""
-        done = run(*command, "--trial", "--port", "0", "--cache-dir", harness.path("cache"), "--dem", harness.path("dem"))
-        self.assertEqual(done.returncode, 0, done.stdout)
-        self.assertIn("listening on http://127.0.0.1:", done.stdout)
-        self.assertIn('{"time":"', done.stdout)  # log-format = "json"
+        self.assertEqual(serve, "serve")
+        service = harness.Service(binary=binary, options=[*options, "--port", "0", "--cache-dir", harness.path("cache"),
+                                                          "--dem", harness.path("dem")])
+        self.assertEqual(service.frame(harness.frame_request())[0], 200)
+        self.assertIn('{"time":"', service.log_text())  # log-format = "json"
+        self.assertEqual(service.stop(), 0)
 
     def check_service(self, etc, usr, said_etc, said_usr):
         """The unit's command line, with all members of the configuration and the paths that are said in their place."""
@@ -74,7 +76,7 @@ class Works:
             file.write(example)
         self.assertEqual(self.unit_command(usr), [f"{said_usr}/bin/selenograph", "serve", "--config",
                                                   f"{said_etc}/selenograph/selenograph.toml"])
-        self.check_trial(os.path.join(usr, "bin", "selenograph"), "serve", "--config", config, "--assets-dir",
+        self.check_starts(os.path.join(usr, "bin", "selenograph"), "serve", "--config", config, "--assets-dir",
                          os.path.join(usr, "share", "selenograph", "assets"))
 
     def check_image(self, usr):
@@ -114,7 +116,7 @@ class Installed(Works, unittest.TestCase):
         self.check_files(self.prefix)
         etc = os.path.join(self.prefix, "etc")
         self.check_service(etc, self.prefix, etc, self.prefix)
-        self.check_trial(*self.unit_command(self.prefix))  # as it was installed
+        self.check_starts(*self.unit_command(self.prefix))  # as it was installed
         self.check_image(self.prefix)
         version = run(os.path.join(self.prefix, "bin", "selenograph"), "--version")
         self.assertEqual(version.stdout, run(BINARY, "--version").stdout)

@@ -430,6 +430,64 @@ class Network(unittest.TestCase):
         nobody = line.replace(team.first.encode(), b"wrong")
         self.assertIn(b"HTTP/1.1 401 ", self.dribble(nobody + body, b""))
 
+    # What could make two readers see different requests: after the head's first lines, a body, and a request behind it.
+    MALFORMED = {
+        "two lengths": b"Content-Length: %(size)d\r\nContent-Length: 3\r\n\r\n%(body)b",
+        "a list of lengths": b"Content-Length: %(size)d, 3\r\n\r\n%(body)b",
+        "a signed length": b"Content-Length: +%(size)d\r\n\r\n%(body)b",
+        "a negative length": b"Content-Length: -1\r\n\r\n%(body)b",
+        "a hexadecimal length": b"Content-Length: 0x2f\r\n\r\n%(body)b",
+        "a length with a letter": b"Content-Length: %(size)da\r\n\r\n%(body)b",
+        "an empty length": b"Content-Length: \r\n\r\n%(body)b",
+        "a length over 64 bits": b"Content-Length: 18446744073709551663\r\n\r\n%(body)b",
+        "a blank before a colon": b"Content-Length : %(size)d\r\n\r\n%(body)b",
+        "a line without a colon": b"Content-Length: %(size)d\r\nnonsense\r\n\r\n%(body)b",
+        "a carriage return in a line": b"Content-Length: %(size)d\r\nX: a\rb\r\n\r\n%(body)b",
+        "two hosts": b"Content-Length: %(size)d\r\nHost: evil.example\r\n\r\n%(body)b",
+        "another coding": b"Transfer-Encoding: gzip\r\n\r\n%(chunks)b",
+        "chunked twice": b"Transfer-Encoding: chunked, chunked\r\n\r\n%(chunks)b",
+        "nearly chunked": b"Transfer-Encoding: xchunked\r\n\r\n%(chunks)b",
+        "two codings": b"Transfer-Encoding: chunked\r\nTransfer-Encoding: identity\r\n\r\n%(chunks)b",
+        "a blank after the coding's name": b"Transfer-Encoding : chunked\r\n\r\n%(chunks)b",
+        "a chunk without a size": b"Transfer-Encoding: chunked\r\n\r\nzz\r\n%(body)b\r\n0\r\n\r\n",
+        "a negative chunk": b"Transfer-Encoding: chunked\r\n\r\n-1\r\n%(body)b\r\n0\r\n\r\n",
+        "a chunk of 0x2f bytes": b"Transfer-Encoding: chunked\r\n\r\n0x2f\r\n%(body)b\r\n0\r\n\r\n",
+        "a chunk over 64 bits": b"Transfer-Encoding: chunked\r\n\r\n1000000000000002f\r\n%(body)b\r\n0\r\n\r\n",
+        "a chunk without an end": b"Transfer-Encoding: chunked\r\n\r\n2f\r\n%(body)b0\r\n\r\n",
+    }
+
+    def test_malformed_requests_reach_no_node(self):
+        """cpp-httplib takes some of these forms: the proxy refuses them, with the request behind each."""
+        body = json.dumps({"points": [{"lat_deg": 0.1, "lon_deg": 30.1}]}).encode()
+        values = {b"size": len(body), b"body": body, b"chunks": b"%x\r\n%b\r\n0\r\n\r\n" % (len(body), body)}
+        token = f"Host: localhost\r\nAuthorization: Bearer {team.first}\r\n".encode()
+        behind = b"GET /v1/datasets HTTP/1.1\r\n" + token + b"X-Request-Id: smuggled\r\nConnection: close\r\n\r\n"
+
+        def ask(rest):
+            with socket.create_connection(("localhost", team.port), timeout=PATIENCE_S) as plain:
+                with team.tls.wrap_socket(plain, server_hostname="localhost") as s:
+                    s.sendall(b"POST /v1/heights HTTP/1.1\r\n" + token + b"Content-Type: application/json\r\n"
+                              b"X-Request-Id: malformed\r\n" + rest % values + behind)
+                    answer = b""
+                    with contextlib.suppress(ConnectionError, ssl.SSLError):
+                        while got := s.recv(65536):
+                            answer += got
+                    return [int(status) for status in re.findall(rb"HTTP/1\.1 (\d{3}) ", answer)]
+
+        self.assertEqual(ask(b"Content-Length: %(size)d\r\n\r\n%(body)b"), [200, 200])
+        self.assertEqual(ask(b"Transfer-Encoding: chunked\r\n\r\n%(chunks)b"), [200, 200])
+
+        def seen():
+            return [line["request_id"] for node in ("node1.log", "node2.log") for line in team.lines(node)]
+
+        team.wait_until(lambda: seen().count("malformed") == 2 and seen().count("smuggled") == 2, "the well-formed ones")
+        for name, rest in self.MALFORMED.items():
+            with self.subTest(name):
+                self.assertEqual(ask(rest), [400])
+        self.assertEqual(team.ask("GET", "/v1/datasets", team.first, X_Request_Id="after")[0], 200)
+        team.wait_until(lambda: "after" in seen(), "the line of a later request")
+        self.assertEqual((seen().count("malformed"), seen().count("smuggled")), (2, 2), "a node was asked")
+
     def test_what_stays_inside(self):
         for path in ("/metrics", "/health/live", "/health/ready", "/", "/docs", "/v1", "//metrics", "/v1/../metrics",
                      "/v1/%2e%2e/metrics", "/v1/..%2fmetrics", "/%6detrics", "/metrics/", "/openapi.json/../metrics"):

@@ -6,30 +6,24 @@
 namespace selenograph::server {
 namespace {
 
-RequestHead head_of(Headers headers, const std::string& target = "/", bool http_1_0 = false) {
-  RequestHead head{"GET", target, http_1_0, std::move(headers)};
-  resolve_authority(head);
-  return head;
-}
-
-std::string refusal(const AllowedHosts& hosts, const RequestHead& head, const std::string& local = "127.0.0.1") {
-  const auto refused = hosts.refusal(head, local);
+std::string refusal(const AllowedHosts& hosts, const Headers& headers, const std::string& local = "127.0.0.1") {
+  const auto refused = hosts.refusal(headers, local);
   return refused ? refused->error_code : "";
 }
 
 std::string of_host(const AllowedHosts& hosts, const std::string& host, const std::string& local = "127.0.0.1") {
-  return refusal(hosts, head_of({{"host", host}}), local);
+  return refusal(hosts, {{"host", host}}, local);
 }
 
 std::string of_origin(const AllowedHosts& hosts, const std::string& host, const std::string& origin) {
-  return refusal(hosts, head_of({{"host", host}, {"origin", origin}}));
+  return refusal(hosts, {{"host", host}, {"origin", origin}});
 }
 
 TEST(AllowedHosts, LoopbackHasItsNames) {
   const AllowedHosts hosts("127.0.0.1", {});
   for (const char* host :
        {"localhost", "localhost:8080", "LocalHost", "localhost.", "localhost.:8080", "127.0.0.1", "127.0.0.1:1",
-        "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]", "[::ffff:127.0.0.1]"})
+        "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]"})
     EXPECT_EQ(of_host(hosts, host), "") << host;
   for (const char* host : {"evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example",
                            "xlocalhost", "127.0.0.2", "0.0.0.0", "[::]", "[::2]", "2130706433", "127.1", "0x7f.0.0.1",
@@ -65,7 +59,6 @@ TEST(AllowedHosts, RejectsInvalidAuthorities) {
 TEST(AllowedHosts, LocalAddressOfTheConnectionIsAllowed) {
   const AllowedHosts everywhere("0.0.0.0", {});
   EXPECT_EQ(of_host(everywhere, "10.1.2.3:8080", "10.1.2.3"), "");
-  EXPECT_EQ(of_host(everywhere, "10.1.2.3", "::ffff:10.1.2.3"), "") << "IPv4 at an IPv6 socket";
   EXPECT_EQ(of_host(everywhere, "[FD00:0::1]", "fd00::1"), "");
   EXPECT_EQ(of_host(everywhere, "10.1.2.4", "10.1.2.3"), "misdirected_request");
   EXPECT_EQ(of_host(everywhere, "evil.example", "10.1.2.3"), "misdirected_request") << "a name may mean any address";
@@ -88,24 +81,10 @@ TEST(AllowedHosts, ParsesTheOption) {
     EXPECT_FALSE(is_host(host)) << host;
 }
 
-TEST(AllowedHosts, AbsoluteTargetOverridesHost) {
+TEST(AllowedHosts, ARequestWithoutHostPasses) {
   const AllowedHosts hosts("127.0.0.1", {});
-  const auto of_target = [&](const std::string& target, const std::string& host) {
-    return refusal(hosts, head_of({{"host", host}}, target));
-  };
-  EXPECT_EQ(of_target("http://localhost:8080/v1/datasets", "evil.example"), "");
-  EXPECT_EQ(of_target("http://evil.example/v1/datasets", "localhost"), "misdirected_request");
-  EXPECT_EQ(of_target("http://evil.example", "localhost"), "misdirected_request");
-  for (const char* target : {"http:///v1", "http://localhost?x=/", "https://user@localhost/"})
-    EXPECT_EQ(of_target(target, "localhost"), "malformed_request") << target;
-}
-
-TEST(AllowedHosts, Http10NeedsNoHost) {
-  const AllowedHosts hosts("127.0.0.1", {});
-  const auto of_headers = [&](const Headers& headers) { return refusal(hosts, head_of(headers, "/", true)); };
-  EXPECT_EQ(of_headers({}), "");
-  EXPECT_EQ(of_headers({{"host", "evil.example"}}), "misdirected_request");
-  EXPECT_EQ(of_headers({{"origin", "http://localhost"}}), "foreign_origin") << "the own origin is not known";
+  EXPECT_EQ(refusal(hosts, {}), "");
+  EXPECT_EQ(refusal(hosts, {{"origin", "http://localhost"}}), "foreign_origin") << "the own origin is not known";
 }
 
 TEST(AllowedHosts, OwnOriginIsAllowed) {
@@ -133,10 +112,8 @@ TEST(AllowedHosts, OwnOriginIsAllowed) {
                                      {"localhost:8080", "ftp://localhost:8080"},
                                      {"localhost:8080", "file://"}})
     EXPECT_EQ(of_origin(hosts, host, origin), "foreign_origin") << origin;
-  EXPECT_EQ(
-      refusal(hosts,
-              head_of({{"host", "localhost"}, {"origin", "http://localhost"}, {"origin", "http://evil.example"}})),
-      "foreign_origin")
+  EXPECT_EQ(refusal(hosts, {{"host", "localhost"}, {"origin", "http://localhost"}, {"origin", "http://evil.example"}}),
+            "foreign_origin")
       << "each of several";
 }
 
@@ -150,8 +127,8 @@ TEST(AllowedHosts, ConfiguredOriginsAreAllowed) {
 
 TEST(AllowedHosts, RefusalsNameTheHostAndTheOption) {
   const AllowedHosts hosts("127.0.0.1", {});
-  const auto host = hosts.refusal(head_of({{"host", "Evil.example:1"}}), ""),
-             page = hosts.refusal(head_of({{"host", "localhost"}, {"origin", "null"}}), "");
+  const auto host = hosts.refusal({{"host", "Evil.example:1"}}, ""),
+             page = hosts.refusal({{"host", "localhost"}, {"origin", "null"}}, "");
   ASSERT_TRUE(host && page);
   EXPECT_NE(host->detail.find("\"evil.example\""), std::string::npos) << host->detail;
   EXPECT_NE(host->detail.find("--allowed-host"), std::string::npos) << host->detail;

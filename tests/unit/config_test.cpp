@@ -68,12 +68,12 @@ TEST_F(Config, DefaultsAreLoopbackAndBounded) {
 }
 
 TEST_F(Config, FileBeatsDefault) {
-  file("port = 1111\nhost = \"::1\"\ndeadline-s = 2.5\ntrial = true\n");
+  file("port = 1111\nhost = \"::1\"\ndeadline-s = 2.5\nstrict = true\n");
   parse({});
   EXPECT_EQ(settings_.port, 1111);
   EXPECT_EQ(settings_.host, "::1");
   EXPECT_EQ(settings_.limits.default_deadline, std::chrono::milliseconds(2500));
-  EXPECT_TRUE(settings_.trial);
+  EXPECT_TRUE(settings_.terrain.strict);
 }
 
 TEST_F(Config, EnvironmentBeatsFile) {
@@ -240,8 +240,7 @@ TEST(ConfigLimits, DefaultsAreTheServices) {
         {"--max-image-side", untouched.max_image_side},
         {"--max-samples-per-pixel", untouched.max_samples_per_pixel},
         {"--max-rays", untouched.max_rays},
-        {"--max-lidar-rays", static_cast<double>(untouched.max_lidar_rays)},
-        {"--max-json-depth", untouched.max_json_depth}})
+        {"--max-lidar-rays", static_cast<double>(untouched.max_lidar_rays)}})
     EXPECT_EQ(std::stod(command.get_option(option)->get_default_str()), value) << option;
 }
 

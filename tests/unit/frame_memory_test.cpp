@@ -110,20 +110,6 @@ TEST_F(FrameMemory, PreparedScenesTakeHalfOfTheCache) {
   EXPECT_EQ(kept.preparation_statistics().used, 1U);
 }
 
-TEST_F(FrameMemory, LatestSceneSurvivesASmallerBudget) {
-  engine::RenderCache kept(terrain_, kScenes, 1);
-  const engine::SceneContent before = content_at(20, kept), latest = content_at(60, kept);
-  kept.scene(before), kept.scene(latest);
-  ASSERT_TRUE(kept.holds(before));
-  kept.keep_less(kScenes);
-  EXPECT_FALSE(kept.holds(before));
-  EXPECT_TRUE(kept.holds(latest));
-  EXPECT_EQ(kept.capacity(), kScenes) << "what a frame may take is another matter";
-  kept.keep_less(0);
-  kept.scene(before);
-  EXPECT_TRUE(kept.holds(before) && kept.holds(latest));
-}
-
 // Of another anchor a scene takes shapes over, and holds on to nothing else of the one before.
 TEST_F(FrameMemory, VerticesOfOtherAnchorsAreFreed) {
   engine::RenderCache kept(terrain_, kScenes, 1);

@@ -47,7 +47,7 @@ MOST_PAIRS = 24
 LIBRARIES = [
     (r"embree\d/", ["engine/visibility/embree/embree"]),
     (r"(gdal|ogr|cpl_)", ["dem/gdal/"]),
-    (r"httplib", ["server/http/http_server"]),
+    (r"httplib", ["server/http/http_server", "server/http/connection"]),
     (r"hwy/", ["engine/", "dem/posts/post_kernels", "dem/grid/normal_kernels", "dem/value_maps/value_map_kernels",
                "dem/detail/detail_kernels"]),
     (r"assimp/", ["engine/visibility/meshes/mesh_file"]),

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <string>
 
-#include "api/json/document_bytes.h"
 #include "engine/support/heap.h"
 
 namespace selenograph::api {
@@ -68,31 +67,6 @@ std::string findings_of(const std::string& text, Read&& read) {
   std::string out;
   for (const Finding& f : findings.entries()) out += f.pointer + ": " + f.detail + "\n";
   return out;
-}
-
-// The kinds of documents that take most memory for their text. The heap says nothing in a sanitizer's build.
-TEST(ParseJson, TakesNoMoreMemoryThanExpected) {
-  constexpr int kElements = 200000;
-  const auto array_of = [](const auto& element) {
-    std::string text = "[";
-    for (int i = 0; i < kElements; ++i) text += (i == 0 ? "" : ",") + element(i);
-    return text + "]";
-  };
-  const auto always = [](const char* element) { return [element](int) { return std::string(element); }; };
-  std::string members = "{";
-  for (int i = 0; i < kElements; ++i) members += fmt::format("{}\"{}\":0", i == 0 ? "" : ",", i);
-  for (const std::string& text : {array_of(always("0")), array_of(always("{}")), array_of(always("[]")),
-                                  array_of(always("\"\"")), array_of(always("[0]")), array_of(always("{\"\":0}")),
-                                  array_of(always("{\"\":{}}")), array_of(always("\"a text of seventeen\"")),
-                                  array_of([](int i) { return fmt::format("{}", 1.0 / (i + 3)); }), members + "}"}) {
-    const std::size_t before_bytes = engine::heap_statistics().used_bytes;
-    const Json json = parse_json(text, 16);
-    const std::size_t taken_bytes = engine::heap_statistics().used_bytes - before_bytes;
-    EXPECT_LE(taken_bytes, document_bytes(text)) << text.substr(0, 20);
-    if (taken_bytes > 0) {
-      EXPECT_GE(taken_bytes, document_bytes(text) / 8) << text.substr(0, 20);
-    }
-  }
 }
 
 TEST(JsonReader, UnknownMembersGetASuggestion) {

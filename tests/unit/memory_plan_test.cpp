@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
-#include <algorithm>
 #include <stdexcept>
 
 namespace selenograph::server {
@@ -12,74 +11,58 @@ namespace {
 constexpr std::size_t kMachineMb = 65536;
 
 TEST(MemoryPlan, PartsMakeTheWhole) {
-  const MemoryParts parts =
-      memory_parts({.memory_mb = 4096, .cache_mb = 1024, .scene_mb = 512, .mesh_mb = 256}, kMachineMb);
-  const MemoryPlan plan = plan_memory(parts);
-  EXPECT_EQ(plan.total_bytes, std::size_t{4096} << 20);
-  EXPECT_EQ(plan.requests_bytes + plan.bodies_bytes, (std::size_t{4096} - 1024 - 512 - 256 - kOwnMb) << 20);
-  EXPECT_GT(plan.requests_bytes, plan.bodies_bytes);
+  const MemoryPlan plan =
+      plan_memory({.memory_mb = 4096, .cache_mb = 1024, .scene_mb = 512, .mesh_mb = 256}, kMachineMb);
+  EXPECT_EQ(plan.total_mb, 4096U);
+  EXPECT_EQ(plan.requests_mb, 4096 - 1024 - 512 - 256 - kOwnMb);
 }
 
 TEST(MemoryPlan, TooLittleIsAnErrorThatNamesTheOptions) {
   try {
-    plan_memory(memory_parts({.memory_mb = 1024, .cache_mb = 512, .scene_mb = 512, .mesh_mb = 100}, kMachineMb));
+    require_memory_for_requests(
+        plan_memory({.memory_mb = 1024, .cache_mb = 512, .scene_mb = 512, .mesh_mb = 100}, kMachineMb));
     FAIL();
   } catch (const std::runtime_error& e) {
     for (const char* option : {"--memory-mb 1024", "--cache-mb 512", "--scene-mb 512", "--mesh-mb 100"})
       EXPECT_NE(std::string(e.what()).find(option), std::string::npos) << e.what();
   }
-  EXPECT_THROW(plan_memory(memory_parts({}, 600)), std::runtime_error);
+  EXPECT_THROW(require_memory_for_requests(plan_memory({}, 600)), std::runtime_error);
 }
 
 TEST(MemoryPlan, WithoutOptionsItFollowsTheMachine) {
-  const MemoryParts large = memory_parts({}, kMachineMb);
+  const MemoryPlan large = plan_memory({}, kMachineMb);
   EXPECT_EQ(large.total_mb, 8192U);
-  EXPECT_EQ(large.cache_mb, 1024U);
   EXPECT_EQ(large.scene_mb, 1024U);
-  EXPECT_EQ(large.mesh_mb, 1024U);
+  EXPECT_EQ(large.cache_mb, 960U);
+  EXPECT_EQ(large.mesh_mb, 960U);
   // A request of the default limits, all products, whose answer is as large: 16 Mi pixels of 106 bytes, twice, and what
   // the frame is rendered with.
-  EXPECT_GT(plan_memory(large).requests_bytes, (std::size_t{16} << 20) * (106 + 106));
+  EXPECT_GT(large.requests_mb, std::size_t{16} * (106 + 106));
   // A control group's limit is kept, however small.
   for (const std::size_t machine_mb : {1000, 1024, 1536, 2048, 4096, 8192, 16384}) {
-    const MemoryParts parts = memory_parts({}, machine_mb);
-    const MemoryPlan plan = plan_memory(parts);
-    EXPECT_LE(plan.total_bytes >> 20, machine_mb / 4 * 3);
-    EXPECT_GE(plan.requests_bytes + plan.bodies_bytes,
-              std::min((plan.total_bytes - (kOwnMb << 20)) / 2, std::size_t{1} << 30));
-    EXPECT_GE(parts.scene_mb, parts.cache_mb);
-    EXPECT_GE(parts.cache_mb, parts.mesh_mb);
-    EXPECT_GE(parts.mesh_mb, kMinPartMb);
+    const MemoryPlan plan = plan_memory({}, machine_mb);
+    EXPECT_LE(plan.total_mb, machine_mb / 4 * 3);
+    EXPECT_GE(plan.requests_mb, (plan.total_mb - kOwnMb) / 8 * 3);
+    EXPECT_GE(plan.scene_mb, plan.cache_mb);
+    EXPECT_NO_THROW(require_memory_for_requests(plan)) << machine_mb;
   }
 }
 
 TEST(MemoryPlan, GivenOptionsAreKept) {
-  const MemoryParts of_total = memory_parts({.memory_mb = 2048}, kMachineMb);
+  const MemoryPlan of_total = plan_memory({.memory_mb = 2048}, kMachineMb);
   EXPECT_EQ(of_total.total_mb, 2048U);
-  EXPECT_EQ(of_total.scene_mb, 640U);  // of 768, beside 64 each
-  EXPECT_EQ(of_total.cache_mb, 96U);
-  EXPECT_EQ(of_total.mesh_mb, 32U);
-  const MemoryParts of_small = memory_parts({.scene_mb = 256}, 2048);
+  EXPECT_EQ(of_total.scene_mb, 3 * 192U);
+  EXPECT_EQ(of_total.cache_mb, 192U);
+  const MemoryPlan of_small = plan_memory({.scene_mb = 256}, 2048);
   EXPECT_EQ(of_small.total_mb, 1536U);
   EXPECT_EQ(of_small.scene_mb, 256U);
-  EXPECT_EQ(of_small.cache_mb + of_small.mesh_mb, 256U);
+  EXPECT_EQ(of_small.cache_mb, 96U);
   // The whole grows with what is asked for, to three quarters of what there is.
-  EXPECT_EQ(memory_parts({.cache_mb = 20000}, kMachineMb).total_mb, 20000 + kOwnMb + 1024);
-  EXPECT_EQ(memory_parts({.cache_mb = 20000}, 16384).total_mb, 12288U);
-  EXPECT_THROW(plan_memory(memory_parts({.cache_mb = 20000}, 16384)), std::runtime_error);
+  EXPECT_EQ(plan_memory({.cache_mb = 20000}, kMachineMb).total_mb, 40000 + kOwnMb);
+  EXPECT_EQ(plan_memory({.cache_mb = 20000}, 16384).total_mb, 12288U);
+  EXPECT_THROW(require_memory_for_requests(plan_memory({.cache_mb = 20000}, 16384)), std::runtime_error);
   // More than the machine has is taken at its word.
-  EXPECT_EQ(memory_parts({.memory_mb = 8192}, 1024).total_mb, 8192U);
-}
-
-TEST(MemoryPlan, TilesOnANetworkHaveABuilderOfTheirOwn) {
-  const MemorySettings settings{.memory_mb = 4096, .cache_mb = 1024, .scene_mb = 512, .mesh_mb = 256};
-  MemorySettings of_remote = settings;
-  of_remote.remote_tiles = true;
-  const MemoryPlan plan = plan_memory(memory_parts(settings, kMachineMb)),
-                   remote = plan_memory(memory_parts(of_remote, kMachineMb));
-  EXPECT_EQ(plan.total_bytes, remote.total_bytes);
-  EXPECT_EQ(plan.requests_bytes + plan.bodies_bytes,
-            remote.requests_bytes + remote.bodies_bytes + (kSecondBuildMb << 20));
+  EXPECT_EQ(plan_memory({.memory_mb = 8192}, 1024).total_mb, 8192U);
 }
 
 TEST(MemoryPlan, ThisMachineHasMemory) {

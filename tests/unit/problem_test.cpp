@@ -126,16 +126,6 @@ TEST(AnswerOrProblem, TypesDecideTheStatus) {
   }
 }
 
-// What remains when not even the problem's text can be had.
-TEST(AnswerOrProblem, TheLastAnswerAllocatesNothing) {
-  static_assert(noexcept(answer_or_problem(Request{}, {}))&& noexcept(out_of_memory()));
-  const Response response = out_of_memory();
-  EXPECT_EQ(response.status, error_row(kOutOfMemory).status);
-  EXPECT_EQ(response.error_code, kOutOfMemory);
-  EXPECT_LE(response.error_code.capacity(), std::string().capacity()) << "in the string itself";
-  EXPECT_EQ(response.content_type.capacity() + response.body.capacity(), 2 * std::string().capacity());
-}
-
 TEST(AnswerOrProblem, OutOfMemoryHasRetryAfter) {
   const Response response = answer_or_problem(Request{}, throwing<std::bad_alloc>());
   ASSERT_EQ(response.headers.size(), 1u);

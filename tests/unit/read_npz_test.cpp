@@ -35,20 +35,6 @@ std::string refusal(const std::string& bytes) {
   return "";
 }
 
-TEST(ReadNpz, SaysBeforehandWhatItTakes) {
-  const std::vector<double> directions(3000, 1.0);
-  const std::vector<std::uint8_t> flags(5000, 1);
-  const std::string archive = encode_npz({{"direction", ElementType::float64, 1000, 3, 1, directions.data(), {}},
-                                          {"flags", ElementType::boolean, 5000, 1, 1, flags.data(), {}}},
-                                         "{}", {}, {{}, true});
-  ASSERT_LT(archive.size(), 2000U) << "packed";
-  std::size_t claimed_bytes = 0;
-  const NpzArrays arrays = read_npz(archive, 1 << 20, [&](std::size_t bytes) { claimed_bytes = bytes; });
-  EXPECT_GE(claimed_bytes, 8 * (arrays.at("direction").numbers.size() + arrays.at("flags").numbers.size()) + 24000);
-  EXPECT_LE(claimed_bytes, 8 * (3000 * 8 + 5000 + 1000) + 25000);
-  EXPECT_THROW(read_npz(archive, 1 << 20, [](std::size_t) { throw RequestError("busy", "no memory"); }), RequestError);
-}
-
 TEST(ReadNpz, WhatTheEncoderWrites) {
   const std::vector<double> directions{1, 2, 3, 4, 5, 6};
   const std::vector<std::uint64_t> ids{7, 8};

@@ -1,4 +1,4 @@
-#include "server/service/coverage.h"
+#include "server/commands/coverage.h"
 
 #include <algorithm>
 #include <array>
