@@ -16,9 +16,9 @@ namespace selenograph::api {
 // Thread-safe: const functions may be called concurrently.
 class Service {
  public:
-  // `assets_folder` is the folder of Assets; empty: none. `meshes` has the options for reading object meshes. `admission`
-  // has the slots and the memory of requests and their responses; null: unbounded. A request that could never fit is
-  // rejected, one that does not fit now waits for its turn.
+  // `assets_folder` is the folder of Assets; empty: none. `meshes` has the options for reading object meshes.
+  // `admission` has the slots and the memory of requests and their responses; null: unbounded. A request that could
+  // never fit is rejected, one that does not fit now waits for its turn.
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
           const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<Admission> admission = nullptr);
   ~Service();

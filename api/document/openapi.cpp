@@ -106,10 +106,9 @@ OrderedJson text_answer(const char* description, const char* media_type) {
   return {{"description", description}, {"content", {{media_type, {{"schema", {{"type", "string"}}}}}}}};
 }
 
-// Adds the problems that any path can give: the request is rejected before it reaches a call, or there are too many
-// connections.
+// Adds the problems of a request that is rejected before it reaches a call.
 void add_http_problems(OrderedJson& responses) {
-  for (const int status : {400, 403, 405, 414, 421, 503}) {
+  for (const int status : {400, 403, 405, 414, 421}) {
     responses[std::to_string(status)] = {{"$ref", "#/components/responses/" + response_name(status)}};
   }
 }
@@ -124,10 +123,7 @@ void add_operator_paths(OrderedJson& paths) {
   };
   add("/health/live", "isLive", "Whether the process runs", text_answer("It does", "text/plain"));
   add("/health/ready", "isReady", "Whether requests are taken", text_answer("They are", "text/plain"));
-  // Here 503 has two bodies: text while the service shuts down, a problem if there are too many connections.
-  OrderedJson unready = text_answer("Shutting down, or too many connections", "text/plain");
-  unready["content"]["application/problem+json"] = {{"schema", schema::ref("Problem")}};
-  paths["/health/ready"]["get"]["responses"]["503"] = unready;
+  paths["/health/ready"]["get"]["responses"]["503"] = text_answer("Shutting down", "text/plain");
   add("/metrics", "getMetrics", "Metrics for the operator", text_answer("Prometheus text format 0.0.4", "text/plain"));
 }
 

@@ -171,16 +171,18 @@ struct CloseMember {
 };
 using OpenArchive = std::unique_ptr<zip_t, CloseArchive>;
 
-OpenArchive open_archive(std::string_view bytes) {
+// Opens the archive whose zip source make_source(error) returns. refuse(why), which throws, reports a failure.
+template <typename Make, typename Refuse>
+OpenArchive open_archive(const Make& make_source, int flags, const Refuse& refuse) {
   zip_error_t error;
   zip_error_init(&error);
-  zip_source_t* source = zip_source_buffer_create(bytes.data(), bytes.size(), 0, &error);
-  OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | ZIP_CHECKCONS, &error) : nullptr);
+  zip_source_t* source = make_source(&error);
+  OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | flags, &error) : nullptr);
   if (!archive) {
     if (source) zip_source_free(source);
-    const std::string why = zip_error_strerror(&error);
+    const std::string why = std::string("cannot be read: ") + zip_error_strerror(&error);
     zip_error_fini(&error);
-    refuse_npz("", "cannot be read: " + why + "; numpy.savez makes one");
+    refuse(why);
   }
   zip_error_fini(&error);
   return archive;
@@ -286,7 +288,9 @@ std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
 }  // namespace
 
 NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop) {
-  const OpenArchive archive = open_archive(bytes);
+  const OpenArchive archive =
+      open_archive([&](zip_error_t* error) { return zip_source_buffer_create(bytes.data(), bytes.size(), 0, error); },
+                   ZIP_CHECKCONS, [](const std::string& why) { refuse_npz("", why + "; numpy.savez makes one"); });
   const std::vector<NpzMember> members = list_members(archive.get(), max_bytes);
   NpzArrays arrays;
   for (std::size_t i = 0; i < members.size(); ++i) {
@@ -296,6 +300,26 @@ NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToke
     if (!arrays.emplace(member.name, std::move(array)).second) refuse_npz(member.name, "is there twice");
   }
   return arrays;
+}
+
+std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
+                                       const std::string& name) {
+  const auto refuse = [&](const std::string& why) { throw std::runtime_error(path + ": " + why); };
+  const OpenArchive archive = open_archive(
+      [&](zip_error_t* error) {
+        return zip_source_file_create(path.c_str(), offset, static_cast<zip_int64_t>(bytes), error);
+      },
+      0, refuse);
+  const zip_int64_t index = zip_name_locate(archive.get(), name.c_str(), 0);
+  if (index < 0) return std::nullopt;
+  zip_stat_t stat;
+  if (zip_stat_index(archive.get(), static_cast<zip_uint64_t>(index), 0, &stat) != 0 || !(stat.valid & ZIP_STAT_SIZE))
+    refuse("has a member " + name + " without size");
+  try {
+    return unpacked(archive.get(), static_cast<zip_uint64_t>(index), stat.size, name, {});
+  } catch (const RequestError& e) {
+    throw std::runtime_error(path + ": " + e.what());
+  }
 }
 
 }  // namespace selenograph::api
