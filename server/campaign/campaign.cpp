@@ -220,7 +220,7 @@ class Campaign {
         count(answer, tally_);
       } else {
         note_problem(next, answer);
-        // Another request's frame, which `replace` gives up.
+        // Remove the frame of another request, which `replace` gives up.
         if (!next.problem && answer.outcome == Outcome::refused) fs::remove(path_of(next));
       }
       progress.step(next.name);
@@ -265,7 +265,7 @@ class Campaign {
       ++bad;
       is_foreign |= !line(i).problem && !recorded_problem(options_.folder, manifest_, line(i));
     }
-    // The tar holds the frames of other lines, too.
+    // Refuse a tar that holds the frames of other lines, too.
     is_foreign |= members.size() + bad > plan.lines.size();
     if (is_foreign) {
       tally_.existing -= number_of(Existing::done, states);
@@ -330,7 +330,7 @@ class Campaign {
       tar.write(tar_end());
       tar.finish();
     } else {
-      fs::remove(plan.path);  // of other requests
+      fs::remove(plan.path);  // a tar of other requests, which `replace` gives up
     }
     tally_.rendered += stored.rendered;
     tally_.incomplete += stored.incomplete;

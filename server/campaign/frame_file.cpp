@@ -56,7 +56,7 @@ std::optional<Problem> recorded_problem(const std::string& folder, const Manifes
   if (!fs::exists(path)) return std::nullopt;
   Problem problem = Problem::parse(dem::read_whole(path), nullptr, false);
   const bool is_of_line =
-      problem.is_object() && api::Json(problem.value(kRequest, Problem())) == manifest.request(line);
+      problem.is_object() && problem.contains(kRequest) && api::Json(problem[kRequest]) == manifest.request(line);
   return is_of_line ? std::optional(std::move(problem)) : std::nullopt;
 }
 

@@ -87,7 +87,7 @@ std::vector<TarMember> list_tar(const std::string& path) {
 void check_zip(std::string_view bytes, const std::string& name) {
   const Archive archive(::archive_read_new(), ::archive_read_free);
   const auto require = [&](int result) { require_ok(result, archive.get(), name); };
-  // By its directory, which is at the end: without it the archive is cut short.
+  // Read by the directory, which is at the end: an archive that is cut short has none.
   require(::archive_read_support_format_zip_seekable(archive.get()));
   require(::archive_read_open_memory(archive.get(), bytes.data(), bytes.size()));
   ::archive_entry* entry = nullptr;
