@@ -11,7 +11,6 @@
 
 #include "api/message/limits.h"
 #include "dem/posts/layer_joins.h"
-#include "engine/visibility/meshes/mesh_reader.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
 #include "server/service/pages.h"
@@ -28,11 +27,10 @@ struct TerrainSettings {
   std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
   std::string cache_dir;         // see default_cache_dir()
   MemorySettings memory;
-  int threads = 0;                         // 0: all cores
-  std::string assets_dir;                  // folder of files that requests name; empty: none
-  std::vector<std::string> remote_prefix;  // prefixes of remote names that may be read; empty: none
-  std::size_t ground_disk_mb = 4096;       // disk space for ground with detail in the cache folder; 0: none
-  double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
+  int threads = 0;                                     // 0: all cores
+  std::string assets_dir;                              // folder of files that requests name; empty: none
+  std::vector<std::string> remote_prefix;              // prefixes of remote names that may be read; empty: none
+  std::size_t ground_disk_mb = 4096;                   // disk space for ground with detail in the cache folder; 0: none
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"

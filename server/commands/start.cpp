@@ -143,9 +143,9 @@ std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const Terr
   return detail;
 }
 
-engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
+engine::ReaderOptions mesh_options(const TerrainSettings& settings) {
   // Names the running executable, even if its file has been replaced since the start.
-  return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
+  return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20};
 }
 
 }  // namespace selenograph::server

@@ -10,7 +10,7 @@
 
 #include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
-#include "engine/visibility/meshes/mesh_reader.h"
+#include "engine/support/confined_reader.h"
 
 namespace selenograph::server {
 namespace {
@@ -83,7 +83,7 @@ MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t other_parts = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
   const std::size_t for_others_mb = other_parts * std::min<std::size_t>(64, left_mb / 4);
   parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, left_mb - for_others_mb);
-  parts.mesh_mb = share_out(s.mesh_mb, engine::MeshReaderOptions{}.max_bytes >> 20, left_mb / (s.cache_mb ? 1 : 4));
+  parts.mesh_mb = share_out(s.mesh_mb, engine::ReaderOptions{}.max_bytes >> 20, left_mb / (s.cache_mb ? 1 : 4));
   parts.cache_mb = share_out(s.cache_mb, dem::TerrainOptions{}.cache_bytes >> 20, left_mb);
   return parts;
 }

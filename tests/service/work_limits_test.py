@@ -65,7 +65,7 @@ class SmallMemoryTest(WithService):
 class WorkLimitsTest(WithService):
     @classmethod
     def setUpClass(cls):
-        cls.options = ("--assets-dir", harness.path("assets"), "--mesh-s", "20")
+        cls.options = ("--assets-dir", harness.path("assets"))
         super().setUpClass()
 
     def test_an_airy_disc_wider_than_its_kernel_is_refused(self):
