@@ -109,7 +109,7 @@ void confine([[maybe_unused]] std::size_t memory_bytes) {
 }
 
 // Ends the process without destructors: a library that read a damaged file may have left damaged objects.
-[[noreturn]] void end(int status, const std::string& answer) {
+[[noreturn]] void finish(int status, const std::string& answer) {
   ::_exit(dem::write_all(STDOUT_FILENO, answer) == 0 ? status : EXIT_FAILURE);
 }
 
@@ -138,11 +138,11 @@ int read_in_child(int argc, char** argv, const ParseFile& parse) {
   try {
     const std::size_t max_bytes = std::strtoull(argv[3], nullptr, 10);
     confine(max_bytes);
-    end(kRead, parse(argv[2], max_bytes));
+    finish(kRead, parse(argv[2], max_bytes));
   } catch (const DataError& e) {
-    end(kRefused, e.what_is_wrong());
+    finish(kRefused, e.what_is_wrong());
   } catch (const std::exception& e) {
-    end(kRefused, e.what());
+    finish(kRefused, e.what());
   }
 }
 

@@ -9,11 +9,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <stdexcept>
+#include <thread>
 
 #include "dem/base/error.h"
 #include "tests/support/shared_data.h"
@@ -22,7 +24,6 @@ namespace selenograph::engine {
 namespace {
 
 using namespace std::chrono_literals;
-using Clock = std::chrono::steady_clock;
 
 // Shell scripts in the child's place.
 class ConfinedReading : public ::testing::Test {
@@ -70,7 +71,15 @@ TEST_F(ConfinedReading, ErrorsSayHowTheChildEnded) {
 
 TEST_F(ConfinedReading, TheChildEndsWithTheRequest) {
   const std::string noted = folder_ / "process";
-  EXPECT_THROW(answer_of("echo $$ > " + noted + "; exec sleep 600", StopToken(Clock::now() + 1s)), Cancelled);
+  std::atomic<bool> abandoned = false;
+  std::thread client([&] {
+    while (!std::filesystem::exists(noted)) std::this_thread::sleep_for(1ms);
+    abandoned = true;
+  });
+  const StopToken stop(StopToken::Clock::time_point::max(), &abandoned);
+  EXPECT_THROW(answer_of("echo $$ > " + noted + ".new; mv " + noted + ".new " + noted + "; exec sleep 600", stop),
+               Cancelled);
+  client.join();
   pid_t process = 0;
   std::ifstream(noted) >> process;
   ASSERT_GT(process, 0);

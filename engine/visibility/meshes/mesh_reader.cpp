@@ -37,7 +37,7 @@ template <typename T>
 bool take(std::string_view& bytes, std::size_t count, std::vector<T>& items) {
   if (count > bytes.size() / sizeof(T)) return false;
   items.resize(count);
-  std::memcpy(static_cast<void*>(items.data()), bytes.data(), count * sizeof(T));
+  if (count > 0) std::memcpy(static_cast<void*>(items.data()), bytes.data(), count * sizeof(T));
   bytes.remove_prefix(count * sizeof(T));
   return true;
 }
