@@ -48,8 +48,10 @@ ObjectShape shape_of(std::string_view bytes, const std::string& path) {
   std::vector<Header> header;
   const bool is_whole = take(bytes, 1, header) && take(bytes, header[0].corners, shape.corners) &&
                         take(bytes, header[0].triangles, shape.triangles);
-  for (std::size_t size; (size = bytes.find('\0')) != bytes.npos; bytes.remove_prefix(size + 1))
-    shape.parts.emplace_back(bytes.substr(0, size));
+  while (is_whole && bytes.find('\0') != std::string_view::npos) {
+    shape.parts.emplace_back(bytes.substr(0, bytes.find('\0')));
+    bytes.remove_prefix(shape.parts.back().size() + 1);
+  }
   const auto is_finite = [](const ObjectCorner& c) { return c.place.allFinite() && c.normal.allFinite(); };
   const auto is_inside = [&](const ObjectTriangle& t) {
     return std::ranges::max(t.corner) < shape.corners.size() && t.part < shape.parts.size();
