@@ -126,7 +126,6 @@ class LinesOfSightTest(unittest.TestCase):
             self.assertEqual(status, 500, body[:300])
             self.assertIn(b"asset_error", body)
             self.assertIn(b"vast.tif: ", body)
-            print(body)
         self.assertLess(self.service.resident_mb("VmHWM"), before_mb + 100)
         self.assertIn("vast.tif", harness.run("info", "--dem", os.path.join(folder, "maps", "vast.tif")).stderr)
 
