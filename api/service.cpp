@@ -33,7 +33,7 @@ const Route& route_of(const Request& request) {
 constexpr std::size_t kLongMetadataBytes = std::size_t{8} << 20;
 
 struct Service::Impl {
-  Impl(const std::string& assets_folder, const engine::MeshReaderOptions& meshes) : assets(assets_folder, meshes) {}
+  Impl(const std::string& assets_folder, const engine::ReaderOptions& reader) : assets(assets_folder, reader) {}
 
   std::shared_ptr<const engine::Renderer> renderer;
   Limits limits;
@@ -82,8 +82,8 @@ struct Service::Impl {
 };
 
 Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder,
-                 const engine::MeshReaderOptions& meshes, std::shared_ptr<Admission> admission)
-    : impl_(std::make_unique<Impl>(assets_folder, meshes)) {
+                 const engine::ReaderOptions& reader, std::shared_ptr<Admission> admission)
+    : impl_(std::make_unique<Impl>(assets_folder, reader)) {
   impl_->admission = admission ? std::move(admission) : std::make_shared<Admission>();
   impl_->renderer = std::move(renderer);
   impl_->limits = limits;

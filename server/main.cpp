@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "api/answers/metadata.h"
+#include "api/assets/sight_file.h"
 #include "api/json/json_reader.h"
 #include "api/message/version.h"
 #include "engine/visibility/meshes/mesh_reader.h"
@@ -182,9 +183,11 @@ void open_standard_streams() {
 
 int main(int argc, char** argv) {
   open_standard_streams();
-  // A hidden command, for a child process of this executable.
+  // Hidden commands, for child processes of this executable.
   if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
-    return selenograph::engine::read_mesh_as_child(argc, argv);
+    return selenograph::engine::read_mesh_in_child(argc, argv);
+  if (argc > 1 && std::string_view(argv[1]) == selenograph::api::kReadSightsCommand)
+    return selenograph::api::read_sights_in_child(argc, argv);
   if (argc > 1 && print_successor(argv[1])) return 1;
   std::signal(SIGXFSZ, SIG_IGN);  // a file over the size limit then fails to be written, as on a full disk
   CLI::App app("Images of the Moon for navigation: frames with exact shadows, and ground truth for every pixel.",

@@ -18,6 +18,7 @@
 #include "dem/base/names.h"
 #include "dem/files/files.h"
 #include "engine/support/csv.h"
+#include "engine/visibility/meshes/mesh_reader.h"
 
 namespace selenograph::api {
 namespace {
@@ -431,7 +432,9 @@ std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, 
   for (const char* extension : {".obj", ".ply", ".gltf", ".glb"}) {
     const auto file = find_file("objects", extension, name);
     if (!file) continue;
-    const auto read = [&](const std::string& path) { return engine::ObjectMesh(reader_.read(path, stop), stop); };
+    const auto read = [&](const std::string& path) {
+      return engine::ObjectMesh(engine::read_mesh(reader_, path, stop), stop);
+    };
     return find<engine::ObjectMesh>("object", *file, stop, read,
                                     [](const engine::ObjectMesh& mesh) { return mesh.bytes(); });
   }
@@ -443,7 +446,7 @@ std::shared_ptr<const engine::SightTable> Assets::lines_of_sight(std::string_vie
   if (!file) return nullptr;
   return find<engine::SightTable>(
       "lines of sight", *file, stop,
-      [&](const std::string& path) { return read_sight_file(path, std::string(name), files_.capacity()); },
+      [&](const std::string& path) { return read_sight_file(reader_, path, std::string(name), stop); },
       [](const engine::SightTable& sights) { return sights.bytes(); });
 }
 

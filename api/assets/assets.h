@@ -19,14 +19,14 @@
 #include "engine/camera/sight_table.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/sky/star_catalogue.h"
-#include "engine/visibility/meshes/mesh_reader.h"
+#include "engine/support/confined_reader.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::api {
 
 // Thread-safe: const functions may be called concurrently. A file is read once, and again when it has changed. If
 // several threads request it at once, one reads and the others wait, each until its own `stop`. Files that no request
-// uses stay cached while all fit into MeshReaderOptions::max_bytes; the least recently used is evicted first.
+// uses stay cached while all fit into ReaderOptions::max_bytes; the least recently used is evicted first.
 //
 // Functions return null if there is no such file. They throw RequestError("asset_error") naming a file that cannot be
 // used, which is then not read again for a minute unless it changes, and Cancelled when `stop` is requested.
@@ -36,8 +36,8 @@ class Assets {
   static constexpr std::size_t kMapTilesBytes = std::size_t{128} << 20;
 
   // An empty `folder` means no assets.
-  explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
-      : folder_(std::move(folder)), files_(meshes.max_bytes), reader_(std::move(meshes)) {}
+  explicit Assets(std::string folder = {}, engine::ReaderOptions options = {})
+      : folder_(std::move(folder)), files_(options.max_bytes), reader_(std::move(options)) {}
 
   // Returns atmospheres/NAME.csv; format: engine::Atmosphere::read.
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
@@ -49,7 +49,7 @@ class Assets {
   // Returns map_errors/NAME.json, an object whose members the request's reader checks.
   std::shared_ptr<const Json> map_error(std::string_view name, const StopToken& stop = {}) const;
 
-  // Returns objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader.
+  // Returns objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::read_mesh.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
   // Returns the memory of cached files: meshes with their ray-tracing structures, star catalogues and all others.
   std::size_t mesh_bytes() const { return files_.bytes(); }
@@ -129,7 +129,7 @@ class Assets {
   mutable std::mutex mutex_;
   mutable std::map<std::string, Failure> failures_;  // by FileVersion::key(), guarded by mutex_
   mutable std::timed_mutex reading_stars_;           // held while a star catalogue is read
-  engine::MeshReader reader_;
+  engine::ConfinedReader reader_;
 };
 
 // Reads a map's description:

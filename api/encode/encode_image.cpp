@@ -285,6 +285,7 @@ std::string exr(const std::vector<ArrayView>& arrays, const Attributes& attribut
 }
 
 void read(const std::string& path, const std::function<double*(const ImageSize&)>& destination) {
+  OIIO::attribute("threads", 1);  // the calling process has little memory, and each thread would take stack
   const auto input = OIIO::ImageInput::open(path);
   if (!input) throw DataError(path, "cannot be read as an image: " + OIIO::geterror());
   const OIIO::ImageSpec& spec = input->spec();

@@ -51,10 +51,10 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->type_name("PREFIX ...")
       ->expected(1, 1 << 20);
   command
-      .add_option(
-          "--mesh-mb", s.memory.mesh_mb,
-          "Limit the memory for reading one object mesh, and for cached meshes, star catalogues and other assets, MiB" +
-              memory_default)
+      .add_option("--mesh-mb", s.memory.mesh_mb,
+                  "Limit the memory for reading one object mesh or table of lines of sight, and for cached meshes, "
+                  "star catalogues and other assets, MiB" +
+                      memory_default)
       ->check(CLI::Range(16, 1 << 24));
   command.add_option("--cache-dir", s.cache_dir, "Keep pyramids in this folder")
       ->type_name("DIR")

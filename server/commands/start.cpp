@@ -135,7 +135,7 @@ std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const Terr
   return detail;
 }
 
-engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
+engine::ReaderOptions mesh_options(const TerrainSettings& settings) {
   // Names the running executable, even if its file has been replaced since the start.
   return {"/proc/self/exe", plan_memory(settings.memory).mesh_mb << 20};
 }

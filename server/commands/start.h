@@ -9,6 +9,7 @@
 #include "dem/sample/sample_terrain.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
+#include "engine/support/confined_reader.h"
 #include "server/commands/config.h"
 
 namespace selenograph::server {
@@ -29,7 +30,7 @@ std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& set
 // invalid.
 std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const TerrainSettings& settings);
 
-// Returns options for reading meshes by child processes of this executable.
-engine::MeshReaderOptions mesh_options(const TerrainSettings& settings);
+// Returns options for reading meshes and images by child processes of this executable.
+engine::ReaderOptions mesh_options(const TerrainSettings& settings);
 
 }  // namespace selenograph::server

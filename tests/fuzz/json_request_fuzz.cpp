@@ -1,6 +1,5 @@
 // The body of a POST, through the reader of every call: what comes out is what the engine trusts.
 #include <algorithm>
-#include <chrono>
 #include <stdexcept>
 #include <string>
 
@@ -27,13 +26,7 @@ namespace {
 using api::Json;
 
 const api::Limits kLimits;
-// Its meshes are whole: they can be read, however busy the machine is.
-engine::MeshReaderOptions patient() {
-  engine::MeshReaderOptions options = test::mesh_options();
-  options.time = std::chrono::hours(1);
-  return options;
-}
-const api::Assets kAssets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", patient());
+const api::Assets kAssets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options());
 
 bool is_unit(const Vec3& v) { return std::abs(v.norm() - 1) < 1e-12; }
 

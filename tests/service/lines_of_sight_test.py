@@ -3,6 +3,7 @@
 
 import json
 import os
+import struct
 import unittest
 
 import numpy as np
@@ -36,6 +37,21 @@ def write_table(name, directions):
     for band in range(3):
         file.GetRasterBand(band + 1).WriteArray(directions[..., band])
     file.FlushCache()
+
+
+def tiff_of_wide_tiles(tile_width, samples, stored_bytes=5000):
+    """A TIFF of 4 x 4 pixels whose one tile is 16 rows of `tile_width` pixels of 32-bit floats, nearly all of them missing."""
+    tags = {256: (4,), 257: (4,), 258: (32,) * samples, 259: (1,), 262: (1,), 277: (samples,), 322: (tile_width,), 323: (16,),
+            324: (400,), 325: (stored_bytes,), 339: (3,) * samples}
+    entries, lists = b"", b""
+    for tag, values in sorted(tags.items()):
+        content = struct.pack(f"<{len(values)}I", *values)
+        if len(values) > 1:
+            entries += struct.pack("<HHII", tag, 4, len(values), 10 + 12 * len(tags) + 4 + len(lists))
+            lists += content
+        else:
+            entries += struct.pack("<HHI", tag, 4, 1) + content
+    return (b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4) + lists).ljust(400, b"\0") + bytes(stored_bytes)
 
 
 def lens_directions():
@@ -93,6 +109,25 @@ class LinesOfSightTest(unittest.TestCase):
             status, _, body = self.service.frame(frame_request(camera=camera))
             self.assertGreaterEqual(status, 400, body[:200])
             self.assertIn(said, body.decode())
+
+    @harness.of_memory
+    def test_an_image_of_few_bytes_and_vast_tiles_takes_little_memory(self):
+        """As a table of lines of sight, a map and a DEM: 5 KB whose tiles would take 5 GB."""
+        folder = harness.path("assets")
+        harness.write(os.path.join("assets", "lines_of_sight", "vast.tif"), tiff_of_wide_tiles(28_000_000, 3))
+        harness.write(os.path.join("assets", "maps", "vast.tif"), tiff_of_wide_tiles(84_000_000, 1))
+        harness.write(os.path.join("assets", "maps", "vast.json"), {
+            "file": "vast.tif", "extent": {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180}})
+        self.assertLess(os.path.getsize(os.path.join(folder, "lines_of_sight", "vast.tif")), 6000)
+        before_mb = self.service.resident_mb("VmHWM")
+        for request in (frame_request(camera=TABLE | {"lines_of_sight": "vast"}),
+                        frame_request(surface={"reflectance": {"model": "lambert"}, "albedo_maps": ["vast"]})):
+            status, _, body = self.service.frame(request)
+            self.assertEqual(status, 500, body[:300])
+            self.assertIn(b"asset_error", body)
+            self.assertIn(b"vast.tif: ", body)
+        self.assertLess(self.service.resident_mb("VmHWM"), before_mb + 100)
+        self.assertIn("vast.tif", harness.run("info", "--dem", os.path.join(folder, "maps", "vast.tif")).stderr)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,10 @@
 #include "tests/support/mesh_files.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <signal.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <stdexcept>
-
-#include "engine/visibility/meshes/mesh_answer.h"
-#include "engine/visibility/meshes/mesh_file.h"
 
 namespace selenograph::test {
 namespace {
@@ -21,27 +12,6 @@ namespace {
 template <typename T>
 std::string bytes_of(T number) {
   return {reinterpret_cast<const char*>(&number), sizeof number};
-}
-
-// Reads the file and writes the answer to the descriptor `out`. A crash must end only this process, and quietly.
-[[noreturn]] void read_in_fork(std::string_view content, const std::string& extension, std::size_t max_bytes, int out) {
-  ::dup2(::open("/dev/null", O_WRONLY), STDERR_FILENO);
-  for (const int fatal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) ::signal(fatal, SIG_DFL);
-  const rlimit seconds{2, 2}, no_core{0, 0};
-  ::setrlimit(RLIMIT_CPU, &seconds);
-  ::setrlimit(RLIMIT_CORE, &no_core);
-  std::string answer;
-  try {
-    answer = engine::shape_answer(engine::read_mesh_file(content, extension, max_bytes));
-  } catch (const std::exception& e) {
-    answer = engine::refusal_answer(e.what());
-  }
-  for (std::string_view left = answer; !left.empty();) {
-    const ssize_t written = ::write(out, left.data(), left.size());
-    if (written <= 0) break;
-    left.remove_prefix(static_cast<std::size_t>(written));
-  }
-  ::_exit(0);
 }
 
 }  // namespace
@@ -89,23 +59,6 @@ std::string gltf_of_instances(int nodes, int triangles) {
     "buffers": [{{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}},
                 {{"byteLength": {}, "uri": "data:application/octet-stream;base64,{}"}}]}})",
       node_numbers, node_list, 3 * triangles, 3 * triangles, 3 * triangles, indices);
-}
-
-std::string mesh_answer_of_fork(std::string_view content, const std::string& extension, std::size_t max_bytes) {
-  int ends[2];
-  if (::pipe(ends) != 0) throw std::runtime_error("no pipe");
-  const pid_t child = ::fork();
-  if (child < 0) throw std::runtime_error("no process");
-  if (child == 0) read_in_fork(content, extension, max_bytes, ends[1]);
-  ::close(ends[1]);
-  std::string answer;
-  char buffer[65536];
-  for (ssize_t size; (size = ::read(ends[0], buffer, sizeof buffer)) > 0;)
-    answer.append(buffer, static_cast<std::size_t>(size));
-  ::close(ends[0]);
-  int status;
-  ::waitpid(child, &status, 0);
-  return WIFEXITED(status) ? answer : std::string();
 }
 
 std::string mutated(std::string file, std::mt19937& random) {

@@ -1,10 +1,8 @@
 // Mesh files to read, whole and damaged.
 #pragma once
 
-#include <cstddef>
 #include <random>
 #include <string>
-#include <string_view>
 
 namespace selenograph::test {
 
@@ -17,10 +15,6 @@ std::string gltf_file(
 
 // Returns a glTF file with `nodes` instances of a mesh of `triangles` triangles.
 std::string gltf_of_instances(int nodes, int triangles);
-
-// Reads a file in a fork of this process, which starts a hundred times as fast as a program of its own. Returns what
-// engine::shape_of_answer takes; empty if the fork crashed.
-std::string mesh_answer_of_fork(std::string_view content, const std::string& extension, std::size_t max_bytes);
 
 // Returns the file with a few of its bytes changed, or a piece of it left out, doubled or cut off.
 std::string mutated(std::string file, std::mt19937& random);

@@ -10,12 +10,14 @@
 namespace selenograph::test {
 
 // Returns options with which the executable built with the tests reads meshes.
-inline engine::MeshReaderOptions mesh_options() {
-  engine::MeshReaderOptions options;
+inline engine::ReaderOptions mesh_options() {
+  engine::ReaderOptions options;
   options.program = SELENOGRAPH_EXECUTABLE;
   return options;
 }
 
-inline engine::ObjectShape read_shape(const std::string& path) { return engine::MeshReader(mesh_options()).read(path); }
+inline engine::ObjectShape read_shape(const std::string& path) {
+  return engine::read_mesh(engine::ConfinedReader(mesh_options()), path);
+}
 
 }  // namespace selenograph::test

@@ -1,131 +1,84 @@
+// A shape as bytes, from the child to its parent, which is the same executable:
+//
+//   | Header | corners | triangles | names of parts, each with a final zero |
 #include "engine/visibility/meshes/mesh_reader.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
-#include <cerrno>
-#include <cstdlib>
+#include <algorithm>
 #include <cstring>
 #include <filesystem>
-#include <new>
-#include <utility>
+#include <string_view>
 
 #include "dem/base/error.h"
-#include "engine/support/child_process.h"
-#include "engine/support/confinement.h"
-#include "engine/visibility/meshes/mesh_answer.h"
+#include "dem/files/files.h"
 #include "engine/visibility/meshes/mesh_file.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {
 namespace {
 
-constexpr double kMiB = 0x1p20;
-
-// Opens an ordinary file of limited size. It must not block: opening a FIFO would wait for its writer.
-class MeshFile {
- public:
-  MeshFile(const std::string& path, std::size_t max_bytes)
-      : descriptor_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)) {
-    if (descriptor_ < 0) throw DataError(path, fmt::format("cannot be opened: {}", std::strerror(errno)));
-    struct stat status {};
-    const bool ordinary = ::fstat(descriptor_, &status) == 0 && S_ISREG(status.st_mode);
-    if (ordinary && static_cast<std::size_t>(status.st_size) <= max_bytes) return;
-    ::close(descriptor_);
-    if (!ordinary) throw DataError(path, "is not an ordinary file");
-    throw DataError(
-        path, fmt::format("has {:.0f} MiB, more than the {:.0f} of a mesh", static_cast<double>(status.st_size) / kMiB,
-                          static_cast<double>(max_bytes) / kMiB));
-  }
-  ~MeshFile() { ::close(descriptor_); }
-  MeshFile(const MeshFile&) = delete;
-  MeshFile& operator=(const MeshFile&) = delete;
-  int descriptor() const { return descriptor_; }
-
- private:
-  int descriptor_;
+struct Header {
+  std::size_t corners, triangles, textured;
 };
 
-std::string extension_of(const std::string& path) {
-  const std::string dotted = std::filesystem::path(path).extension().string();
-  return dotted.empty() ? dotted : dotted.substr(1);
+std::string bytes_of(const ObjectShape& shape) {
+  const Header header{shape.corners.size(), shape.triangles.size(), shape.textured};
+  std::string bytes(reinterpret_cast<const char*>(&header), sizeof header);
+  bytes.reserve(sizeof header + shape.bytes());
+  bytes.append(reinterpret_cast<const char*>(shape.corners.data()), header.corners * sizeof(ObjectCorner));
+  bytes.append(reinterpret_cast<const char*>(shape.triangles.data()), header.triangles * sizeof(ObjectTriangle));
+  for (const std::string& part : shape.parts) bytes.append(part.c_str(), part.size() + 1);
+  return bytes;
 }
 
-void lock_until(std::unique_lock<std::timed_mutex>& lock, const StopToken& stop) {
-  while (!lock.try_lock_for(std::chrono::milliseconds(20))) stop.check();
+// Moves the first `count` items from `bytes` to `items`. Returns false if there are fewer.
+template <typename T>
+bool take(std::string_view& bytes, std::size_t count, std::vector<T>& items) {
+  if (count > bytes.size() / sizeof(T)) return false;
+  items.resize(count);
+  if (count > 0) std::memcpy(static_cast<void*>(items.data()), bytes.data(), count * sizeof(T));
+  bytes.remove_prefix(count * sizeof(T));
+  return true;
 }
 
-// --- the child process
-
-// The answer for the case that memory runs out, built while there is some.
-std::string& out_of_memory_answer() {
-  static std::string answer;
-  return answer;
-}
-
-// Ends the process without destructors and exit handlers: there is nothing to clean up.
-[[noreturn]] void answer(const std::string& text) { ::_exit(write_to_parent(text) ? EXIT_SUCCESS : EXIT_FAILURE); }
-
-// Returns the content of the file on standard input.
-std::string read_input() {
-  // Find the size by seeking: the confinement forbids stat().
-  const off_t size = ::lseek(STDIN_FILENO, 0, SEEK_END);
-  if (size < 0 || ::lseek(STDIN_FILENO, 0, SEEK_SET) != 0) throw std::runtime_error("cannot be read");
-  std::string content(static_cast<std::size_t>(size), '\0');
-  for (std::size_t bytes_read = 0; bytes_read < content.size();) {
-    const ssize_t result = ::read(STDIN_FILENO, content.data() + bytes_read, content.size() - bytes_read);
-    if (result < 0 && errno == EINTR) continue;
-    if (result <= 0) throw std::runtime_error("has become shorter while it was read");
-    bytes_read += static_cast<std::size_t>(result);
+// Throws DataError if the bytes are not those of a shape: a damaged file may make the library write anywhere.
+ObjectShape shape_of(std::string_view bytes, const std::string& path) {
+  ObjectShape shape;
+  std::vector<Header> header;
+  const bool is_whole = take(bytes, 1, header) && take(bytes, header[0].corners, shape.corners) &&
+                        take(bytes, header[0].triangles, shape.triangles);
+  while (is_whole && bytes.find('\0') != std::string_view::npos) {
+    shape.parts.emplace_back(bytes.substr(0, bytes.find('\0')));
+    bytes.remove_prefix(shape.parts.back().size() + 1);
   }
-  return content;
+  const auto is_finite = [](const ObjectCorner& c) { return c.place.allFinite() && c.normal.allFinite(); };
+  const auto is_inside = [&](const ObjectTriangle& t) {
+    return std::ranges::max(t.corner) < shape.corners.size() && t.part < shape.parts.size();
+  };
+  if (!is_whole || !bytes.empty() || shape.triangles.empty() || !std::ranges::all_of(shape.corners, is_finite) ||
+      !std::ranges::all_of(shape.triangles, is_inside))
+    throw DataError(path, "cannot be read: the answer of its reader is damaged");
+  shape.textured = header[0].textured != 0;
+  return shape;
 }
 
 }  // namespace
 
-ObjectShape MeshReader::read(const std::string& path, const StopToken& stop) const {
-  if (options_.program.empty()) throw DataError(path, "no program is set up to read meshes");
-  const MeshFile file(path, options_.max_bytes);
-  std::unique_lock lock(reader_mutex_, std::defer_lock);
-  lock_until(lock, stop);
-  ObjectShape shape;
-  try {
-    const auto seconds = std::chrono::ceil<std::chrono::seconds>(options_.time).count();
-    shape = shape_of_answer(
-        run_child(options_.program,
-                  {kReadMeshCommand, extension_of(path), std::to_string(options_.max_bytes), std::to_string(seconds)},
-                  file.descriptor(), {options_.time, options_.max_bytes}, stop));
-  } catch (const ChildFailed& e) {
-    throw DataError(path, fmt::format("cannot be read as a mesh: its reader {}", e.what()));
-  } catch (const Cancelled&) {
-    throw;
-  } catch (const std::runtime_error& e) {
-    throw DataError(path, e.what());
-  }
-  if (const std::size_t bytes = ObjectMesh::bytes_for(shape); bytes > options_.max_bytes)
-    throw DataError(path, fmt::format("has {} triangles, which take {:.0f} MiB: more than the {:.0f} of a mesh",
-                                      shape.triangles.size(), static_cast<double>(bytes) / kMiB,
-                                      static_cast<double>(options_.max_bytes) / kMiB));
-  return shape;
+int read_mesh_in_child(int argc, char** argv) {
+  return read_in_child(argc, argv, [](const std::string& path, std::size_t max_bytes) {
+    const std::string extension = std::filesystem::path(path).extension().string();
+    return bytes_of(read_mesh_file(dem::read_head(path, max_bytes), extension.substr(1), max_bytes));
+  });
 }
 
-// Runs in the child process: reads a mesh from standard input, within limits, and answers with it or with a refusal.
-int read_mesh_as_child(int argc, char** argv) {
-  if (argc != 5) return EXIT_FAILURE;
-  const std::string extension = argv[2];
-  const std::size_t max_bytes = std::strtoull(argv[3], nullptr, 10);
-  const auto seconds = static_cast<unsigned>(std::strtoul(argv[4], nullptr, 10));
-  out_of_memory_answer() = refusal_answer(
-      fmt::format("takes more than {:.0f} MiB to read as a mesh", static_cast<double>(max_bytes) / kMiB));
-  std::set_new_handler([] { answer(out_of_memory_answer()); });
-  try {
-    confine(max_bytes, seconds);
-    answer(shape_answer(read_mesh_file(read_input(), extension, max_bytes)));
-  } catch (const std::exception& e) {
-    answer(refusal_answer(e.what()));
-  }
+ObjectShape read_mesh(const ConfinedReader& reader, const std::string& path, const StopToken& stop) {
+  ObjectShape shape = shape_of(reader.read(kReadMeshCommand, path, stop), path);
+  const std::size_t bytes = ObjectMesh::bytes_for(shape), max_bytes = reader.options().max_bytes;
+  if (bytes > max_bytes)
+    throw DataError(path, fmt::format("has {} triangles, which take {} MiB: more than the {} of a mesh",
+                                      shape.triangles.size(), bytes >> 20, max_bytes >> 20));
+  return shape;
 }
 
 }  // namespace selenograph::engine
