@@ -10,6 +10,7 @@
 #include "dem/detail/detailed_terrain.h"
 #include "engine/scene/selection.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::engine {
 namespace {
