@@ -166,15 +166,16 @@ void warn_of_relaxed_targets(const engine::Accuracy& requested, const engine::Fr
         fmt::format("the mesh's error exceeds the target: in 1 % of the pixels it is expected to be more than "
                     "{:.2g} px (lod_error_p99_px), where {:g} px were requested",
                     report.expected_error_px, detail_px));
+  const std::string too_much =
+      fmt::format("it would take more than {:g} triangles a pixel and more than {:g} million",
+                  engine::Accuracy::kDetailTrianglesPerPixel, engine::Accuracy::kMinDetailTriangles / 1e6);
   if (report.detail_limit_px > detail_px)
-    warnings.push_back(
-        fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
-                    engine::Accuracy::kDetailTrianglesPerPixel));
+    warnings.push_back("max_detail_error_px was relaxed (detail_limit_px): " + too_much);
   if (shadows_were_relaxed(requested, report.shadow_limits_px))
     warnings.push_back(
-        has_detail ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "
-                                 "triangles a pixel, or more terrain than the service's memory for scenes holds",
-                                 engine::Accuracy::kDetailTrianglesPerPixel)
+        has_detail ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): {}, or more terrain than the "
+                                 "service's memory for scenes holds",
+                                 too_much)
                    : std::string("max_shadow_error_px was relaxed (shadow_limit_px): the terrain that it takes does "
                                  "not fit into the service's memory for scenes"));
 }

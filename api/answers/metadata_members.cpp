@@ -211,7 +211,10 @@ void add_geometry(Answer<MetadataSource>& a) {
                "bound on the displacement of shadow edges on level ground by the mesh's error, pixels. It holds for "
                "the edge itself: between the pixels of two frames it may be larger by up to a pixel's diagonal"),
         reported(&FrameReport::shadow_error_px));
-  a.add("shadow_limit_px", number(kAnyNumber, "max_shadow_error_px as used; a warning says where it was relaxed"),
+  a.add("shadow_limit_px",
+        number(kAnyNumber,
+               "max_shadow_error_px as used; a warning says where it was relaxed. With detail, it limits what 99 % of "
+               "the omitted ground is expected to do, and shadow_error_px is larger: it assumes the deepest crater"),
         [](const MetadataSource& s) { return std::ranges::max(s.report.shadow_limits_px); });
   a.add("detail_error_px", number(kAnyNumber, "contribution of the omitted detail to lod_error_px"),
         reported(&FrameReport::detail_error_px), with_detail);

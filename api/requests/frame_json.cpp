@@ -48,8 +48,9 @@ const Members<AccuracyForm>& accuracy_members() {
           "Requires 1 or 4 `samples_per_pixel` and no `shutter`")
         .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
     m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
-          "limit on the displacement of shadow edges on level ground by the mesh's error; it is relaxed when the "
-          "terrain it needs does not fit into memory: `shadow_error_px` is the value reached");
+          "limit on the displacement of shadow edges on level ground by the mesh's error, with detail by the error "
+          "that 99 % of the ground is expected to stay below; it is relaxed when the terrain it needs does not fit "
+          "into memory: `shadow_limit_px` is the value used, `shadow_error_px` bounds the displacement");
     m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"},
           max_detail_error_meaning());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},

@@ -17,17 +17,23 @@ struct Accuracy {
   static constexpr double kDefaultShadowError_px = 16;
   // Target for detail that is left out, or max_error_px if that is larger. Diameters and wavelengths from
   // kSmallestShown times as many pixels on are shown, foreshortened as the mean over all directions. Smaller detail
-  // moves few points by so many pixels and hardly changes the contrast. If a frame had more than
-  // kDetailTrianglesPerPixel triangles of detail per pixel, the shadow target is relaxed; if that does not suffice, or
-  // the view alone has four fifths as many, this one is.
+  // moves few points by so many pixels and hardly changes the contrast. If a frame had more triangles of detail than
+  // max_detail_triangles(), the shadow target is relaxed; if that does not suffice, or the view alone has four fifths
+  // as many, this one is.
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 4;
   static constexpr double kSmallestShown = 1.25;
   static constexpr double kDetailTrianglesPerPixel = 8;
+  // Each octave of distance needs its ring of blocks, however few pixels it covers: a view from 1.6 m to the horizon
+  // has 11 of them.
+  static constexpr double kMinDetailTriangles = 12e6;
   // 4: a sample at an edge is replaced by four samples in its share of the pixel (visibility/image/edge_samples.h);
   // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.
   int edge_samples = 1;
   bool operator==(const Accuracy&) const = default;
+  static double max_detail_triangles(double pixels) {
+    return std::max(kDetailTrianglesPerPixel * pixels, kMinDetailTriangles);
+  }
   double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }
 };
 

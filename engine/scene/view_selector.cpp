@@ -35,10 +35,9 @@ ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBund
   double pixels = 0;
   for (const ViewBundle& view : views)
     pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
-  constexpr double kMin = 256, kMax = 3000;  // blocks, for tiny and for huge images
-  max_detail_blocks_ = static_cast<std::size_t>(std::clamp(
-      pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)), kMin,
-      kMax));
+  constexpr double kMax = 3000;  // blocks, for huge images
+  max_detail_blocks_ = static_cast<std::size_t>(std::min(
+      Accuracy::max_detail_triangles(pixels) / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)), kMax));
   max_detail_in_view_ = max_detail_blocks_ / 5 * 4;
 }
 
@@ -294,13 +293,14 @@ void ViewSelector::choose(const BlockId& id, float highest_m) {
   result_.highest_m = std::max(result_.highest_m, static_cast<double>(highest_m));
 }
 
-// Returns a block's expected error: the bound for the posts, plus what the detail leaves out on 99 % of the ground.
-// bound_m: upper bound of the whole error, which includes errors.detail_m.
-BlockError ViewSelector::expected_error_of(const VisibleBlock& block, double bound_m, const Errors& errors) const {
-  double error_m = bound_m;
-  if (terrain_.detailed() && errors.detail_m > 0)
-    error_m += std::min(errors.detail_m, terrain_.detailed()->detail().expected_left_out_m(errors.left_out_size_m)) -
-               errors.detail_m;
+double ViewSelector::expected_m(const Errors& errors) const {
+  if (!terrain_.detailed() || errors.detail_m == 0) return errors.total_m;
+  const double left_out_m = terrain_.detailed()->detail().expected_left_out_m(errors.left_out_size_m);
+  return errors.total_m + std::min(errors.detail_m, left_out_m) - errors.detail_m;
+}
+
+BlockError ViewSelector::expected_error_of(const VisibleBlock& block, const Errors& errors) const {
+  const double error_m = expected_m(errors);
   const NodeBounds& b = block.bounds;
   double max_sine = 0, max_cosine = 0;
   for (const ViewBundle& view : views_) {
@@ -325,12 +325,11 @@ void ViewSelector::report() {
   for (const VisibleBlock& block : visible_blocks_) {
     // A finest block that a neighbour has split has the error of its children.
     const bool split = block.is_finest && !chosen_.contains(block.id);
-    const Errors errors = errors_of(block);
-    const double error = split ? subdivision_error_m(block.id.level) : errors.total_m,
-                 spacing = dem::post_spacing_m(block.id.level);
-    result_.error_m = std::max(result_.error_m, error);
-    result_.error_px = std::max(result_.error_px, error * block.pixels_per_metre);
-    expected.push_back(expected_error_of(block, error, split ? Errors{} : errors));
+    const Errors errors = split ? Errors{.total_m = subdivision_error_m(block.id.level)} : errors_of(block);
+    const double spacing = dem::post_spacing_m(block.id.level);
+    result_.error_m = std::max(result_.error_m, errors.total_m);
+    result_.error_px = std::max(result_.error_px, errors.total_m * block.pixels_per_metre);
+    expected.push_back(expected_error_of(block, errors));
     if (terrain_.detailed())
       result_.detail_error_px = std::max(result_.detail_error_px, errors.detail_m * block.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);

@@ -177,6 +177,8 @@ class ViewSelector {
   static Errors errors_of(const BlockId& id, const dem::NodeInfo& info);
   Errors errors_of(const BlockId& id) const;
   Errors errors_of(const VisibleBlock& block) const { return block.errors ? *block.errors : errors_of(block.id); }
+  // Returns the expected error, m: the bound for the posts, plus what the detail leaves out on 99 % of the ground.
+  double expected_m(const Errors& errors) const;
 
   // Returns true if detail that a block leaves out would be visible by its shading (Accuracy::kSmallestShown).
   bool hides_visible_detail(const BlockId& id, const Errors& errors, double pixels_per_metre) const;
@@ -197,10 +199,11 @@ class ViewSelector {
   // Refines all terrain that can cast a shadow into view, in view or not, to the shadow target.
   void refine_for_shadows(const Sun& sun);
 
-  // Shift of shadow edges by a block's error, pixels; too_large: above the target, and finer posts would reduce it.
+  // Shift of shadow edges by a block's error: an upper bound in pixels; too_large: expected above the target, and finer
+  // posts would reduce it.
   struct ShadowShift {
     bool too_large = false;
-    double shift_px = 0;
+    double bound_px = 0;
   };
 
   // Returns the shift of shadow edges by a height error: error_m times shift_px_per_m, which grows as the Sun sinks. As
@@ -236,7 +239,7 @@ class ViewSelector {
 
   // Computes the reported bounds over the blocks in view.
   void report();
-  BlockError expected_error_of(const VisibleBlock& block, double bound_m, const Errors& errors) const;
+  BlockError expected_error_of(const VisibleBlock& block, const Errors& errors) const;
 
   // Records terrain in view that is missing because of an unusable file.
   void record_void(const BlockId& id);

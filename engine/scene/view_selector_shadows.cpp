@@ -79,13 +79,18 @@ ViewSelector::ShadowShift ViewSelector::shadow_shift(const VisibleBlock& block, 
   constexpr double kWorthComputing = 16;
   if (!block.errors && dem::post_spacing_m(block.id.level) > kWorthComputing * max_error_for_shadows_m(shift_px_per_m))
     return {true};
-  const double shift_px = shadow_shift_px(errors_of(block).total_m, shift_px_per_m);
-  return {shift_px > accuracy_.max_shadow_error_px, shift_px};
+  // Judge by the expected error: the bound assumes the deepest crater everywhere, and takes three to ten times the
+  // view's blocks for the same light.
+  const Errors errors = errors_of(block);
+  const double bound_px = shadow_shift_px(errors.total_m, shift_px_per_m);
+  return {bound_px > accuracy_.max_shadow_error_px &&
+              shadow_shift_px(expected_m(errors), shift_px_per_m) > accuracy_.max_shadow_error_px,
+          bound_px};
 }
 
 bool ViewSelector::record_shift(const ShadowShift& shift, QuadtreeSlice& slice) const {
   if (shift.too_large && accuracy_.max_error_px > 0) refined_for_shadows_ = true;
-  if (!shift.too_large) slice.shadow_error_px = std::max(slice.shadow_error_px, shift.shift_px);
+  if (!shift.too_large) slice.shadow_error_px = std::max(slice.shadow_error_px, shift.bound_px);
   return shift.too_large;
 }
 
@@ -138,8 +143,11 @@ ViewSelector::Occluder ViewSelector::evaluate_occluder(const BlockId& id, const 
     if (shift_px_per_m == 0) return {};
     // The outline's bounds are wider than the block and shade more: demand a clear excess.
     constexpr double kClearExcess = 4;
+    const double error_m = expected_m({.total_m = outline->error_m,
+                                       .detail_m = outline->detail_error_m,
+                                       .left_out_size_m = outline->left_out_size_m});
     if (accuracy_.max_error_px == 0 ||
-        shadow_shift_px(outline->error_m, shift_px_per_m) > kClearExcess * accuracy_.max_shadow_error_px)
+        shadow_shift_px(error_m, shift_px_per_m) > kClearExcess * accuracy_.max_shadow_error_px)
       return {.matters = true, .too_coarse = false, .info = *outline, .shift = {.too_large = true}};
   }
   const auto node = bounded_node(terrain_, id, stop_);

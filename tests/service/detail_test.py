@@ -97,7 +97,7 @@ class Detail(unittest.TestCase):
         """What leaves out a crater may err by its depth: asked to be less than a pixel, that was more than fits."""
         horizon = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.detailed + 5},
                    "look_at": {"lat_deg": LAT + 0.001, "lon_deg": LON, "height_m": self.detailed, "up": "zenith"}}
-        camera = {"width": 256, "height": 256, "fov_deg": 60.0}
+        camera = {"width": 1024, "height": 1024, "fov_deg": 60.0}
         for view in ({"height_m": 1e5}, {"pose": horizon}):
             for aim in (None, 0.5):
                 accuracy = {} if aim is None else {"max_detail_error_px": aim}
@@ -260,7 +260,7 @@ class Detail(unittest.TestCase):
 
     def test_views_from_close_by_to_the_horizon_take_rays(self):
         """The shadow map's cells are of one size: most samples of such a view would be in a few."""
-        camera = {"model": "pinhole", "width": 400, "height": 400, "fov_deg": 50.0}
+        camera = {"model": "pinhole", "width": 720, "height": 720, "fov_deg": 50.0}
         low = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 75.0, "elevation_deg": 5.0}}
         for height_m, expected in ((2, "raytrace"), (1500, "zbuffer")):
             pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_above_ground_m": height_m},

@@ -30,9 +30,10 @@ GroundHeight ground_height_of(const Json& body, const GroundHeights& ground, con
 std::string max_detail_error_meaning() {
   return fmt::format(
       "size limit of omitted detail, or max_error_px if larger: craters, relief, clods and fragments of at least {:g} "
-      "times as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
-      "`detail_limit_px` is the value used, `detail_error_px` bounds the height error left",
-      engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
+      "times as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel and more than "
+      "{:g} million: `detail_limit_px` is the value used, `detail_error_px` bounds the height error left",
+      engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel,
+      engine::Accuracy::kMinDetailTriangles / 1e6);
 }
 
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {

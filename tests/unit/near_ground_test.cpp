@@ -1,0 +1,82 @@
+// Made ground near the camera: the level of detail depends neither on the image's size nor on the pose before.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "api/assets/assets.h"
+#include "dem/detail/detailed_terrain.h"
+#include "engine/scene/selection.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kLat_deg = 10, kLon_deg = 26;
+
+class NearGround : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new test::TemporaryFolder;
+    test::write_float_tile(folder_->path(), "t", {12, 24, 128, 4 * 128 + 1, 4 * 128 + 1},
+                           [](double lat, double lon) { return 20 * std::sin(lat * 31 + lon * 13); });
+    terrain_ = std::make_shared<dem::DetailedTerrain>(
+        test::open_terrain(folder_->path()), std::make_shared<const dem::Detail>(api::read_detail_file(
+                                                 SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/landing.json")));
+    ground_m_ = terrain_->height(kLat_deg, kLon_deg, {}).height_m;
+  }
+  static void TearDownTestSuite() {
+    terrain_.reset();
+    delete folder_;
+  }
+
+  // Selects for a square image 60 degrees wide that looks north, `tilt_deg` from the nadir.
+  static Selection select(double above_m, double tilt_deg, int side_px, double sun_deg, double north_m = 0) {
+    const double lat_deg = kLat_deg + north_m / kMoonRadius_m * 180 / std::numbers::pi;
+    const EastNorthUp axes = local_axes(lat_deg, kLon_deg);
+    const double tilt = tilt_deg * std::numbers::pi / 180;
+    const Vec3 z = axes.north * std::sin(tilt) - axes.up * std::cos(tilt);
+    Eigen::Matrix3d camera_from_moon;
+    camera_from_moon << axes.east.transpose(), z.cross(axes.east).transpose(), z.transpose();
+    const double focal_px = side_px / 2.0 / std::tan(std::numbers::pi / 6), middle_px = (side_px - 1) / 2.0;
+    const View view({side_px, side_px, focal_px, focal_px, middle_px, middle_px, {}},
+                    {to_cartesian({lat_deg, kLon_deg, ground_m_ + above_m}), Eigen::Quaterniond(camera_from_moon)});
+    const Sun sun{sun_direction(local_axes(kLat_deg, kLon_deg), 270, sun_deg)};
+    return select_for_view(*terrain_, view, &sun, {}, {});
+  }
+
+  static test::TemporaryFolder* folder_;
+  static std::shared_ptr<dem::DetailedTerrain> terrain_;
+  static double ground_m_;
+};
+test::TemporaryFolder* NearGround::folder_ = nullptr;
+std::shared_ptr<dem::DetailedTerrain> NearGround::terrain_;
+double NearGround::ground_m_ = 0;
+
+// With a budget in proportion to the pixels, 512 x 512 pixels had less detail than 256 x 256.
+TEST_F(NearGround, LimitsDoNotDependOnTheImageSize) {
+  for (const int side_px : {256, 384, 512, 640, 1024}) {
+    const Selection s = select(1.6, 78, side_px, 25);
+    EXPECT_EQ(s.detail_limit_px, Accuracy::kDefaultDetailError_px) << side_px;
+    EXPECT_EQ(s.shadow_limit_px, Accuracy::kDefaultShadowError_px) << side_px;
+  }
+}
+
+TEST_F(NearGround, LimitsDoNotSwitchWhileTheCameraMoves) {
+  constexpr int kSide_px = 512;
+  constexpr double kSun_deg = 12, kStep_m = 0.1;
+  for (int frame = 0; frame < 8; ++frame) {
+    const double descended_m = 30 * std::pow(0.7, frame);
+    for (const Selection& s :
+         {select(1.6, 70, kSide_px, kSun_deg, frame * kStep_m), select(descended_m, 60, kSide_px, kSun_deg)}) {
+      EXPECT_EQ(s.detail_limit_px, Accuracy::kDefaultDetailError_px) << frame;
+      EXPECT_EQ(s.shadow_limit_px, Accuracy::kDefaultShadowError_px) << frame;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
