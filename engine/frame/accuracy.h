@@ -24,9 +24,6 @@ struct Accuracy {
   static constexpr double kDefaultDetailError_px = 4;
   static constexpr double kSmallestShown = 1.25;
   static constexpr double kDetailTrianglesPerPixel = 8;
-  // 4: a sample at an edge is replaced by four samples in its share of the pixel (visibility/image/edge_samples.h);
-  // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.
-  int edge_samples = 1;
   bool operator==(const Accuracy&) const = default;
   double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }
 };
