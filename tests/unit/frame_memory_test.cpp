@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <utility>
 
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/cache/render_cache.h"
