@@ -142,7 +142,6 @@ def frames(ground_m):
     yield from by_both("lens", camera=camera(256, 60, distortion=LENS))
     yield frame("lens beyond its fold", camera=camera(256, 110, distortion={"model": "brown_conrady", "k1": -0.3}))
     yield from by_both("sub-pixel samples", accuracy={"samples_per_pixel": 9, "max_error_px": 0.2}, camera=camera(160))
-    yield from by_both("samples at edges", accuracy={"samples_per_pixel": 4, "edge_samples": 4}, camera=camera(160))
     yield frame("lens, penumbra, samples", camera=camera(128, 60, distortion=LENS), accuracy={"samples_per_pixel": 4},
                 sun=sun(8, angular_radius_deg=0.27))
     yield from by_both("finest posts", accuracy={"max_error_px": 0})

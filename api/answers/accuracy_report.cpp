@@ -23,7 +23,6 @@ const std::vector<Column>& columns() {
   static const std::vector<Column> list{
       {"max_error_px", [](const SweepRow& r) { return r.setting.max_error_px; }},
       {"samples_per_pixel", [](const SweepRow& r) { return r.setting.samples_per_pixel; }},
-      {"edge_samples", [](const SweepRow& r) { return r.setting.edge_samples; }},
       {"max_detail_error_px", [](const SweepRow& r) { return r.with_detail ? r.setting.max_detail_error_px : 0; }},
       {"max_shadow_error_px", [](const SweepRow& r) { return r.setting.max_shadow_error_px; }},
       {"reference_max_error_px", [](const SweepRow& r) { return r.reference_max_error_px; }},
@@ -78,8 +77,7 @@ OrderedJson accuracy_json(const std::vector<engine::AccuracyScene>& scenes, cons
                     {{"max_error_px", standard.max_error_px},
                      {"max_detail_error_px", standard.max_detail_error_px},
                      {"max_shadow_error_px", standard.max_shadow_error_px},
-                     {"samples_per_pixel", standard.samples_per_pixel},
-                     {"edge_samples", standard.edge_samples}}},
+                     {"samples_per_pixel", standard.samples_per_pixel}}},
                    {"scenes", OrderedJson::array()}};
   for (const engine::AccuracyScene& scene : scenes)
     json["scenes"].push_back({{"name", scene.name}, {"description", scene.what}});

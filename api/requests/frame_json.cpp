@@ -42,11 +42,6 @@ const Members<AccuracyForm>& accuracy_members() {
           "upper bound on the mesh's projected error; 0: the finest posts everywhere");
     m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, max_samples},
           "number of samples that radiance and image are averaged over; a square number");
-    m.add("edge_samples", &AccuracyForm::edge_samples, Choice{{1, 4}},
-          "adaptive supersampling of radiance and image: number of samples that replace each sample whose radiance is "
-          "less than three quarters or more than four thirds of a neighbour's, as at shadow edges and silhouettes. "
-          "Requires 1 or 4 `samples_per_pixel` and no `shutter`")
-        .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
     m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
           "limit on the displacement of shadow edges on level ground by the mesh's error, with detail by the error "
           "that 99 % of the ground is expected to stay below; it is relaxed when the terrain it needs does not fit "
@@ -57,14 +52,12 @@ const Members<AccuracyForm>& accuracy_members() {
           "replaces the other members: the most accurate setting predicted to take no longer, with terrain in memory. "
           "The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; an "
           "explicit request of that setting gives the same bytes");
-    for (const char* chosen :
-         {"max_error_px", "samples_per_pixel", "edge_samples", "max_shadow_error_px", "max_detail_error_px"})
+    for (const char* chosen : {"max_error_px", "samples_per_pixel", "max_shadow_error_px", "max_detail_error_px"})
       m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
     m.check([](const JsonReader& in, AccuracyForm& accuracy, const ReadContext&) {
       const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
       if (side * side != accuracy.samples_per_pixel)
         in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
-      if (accuracy.edge_samples > 1 && side > 2) in.fail("edge_samples", "requires \"samples_per_pixel\" 1 or 4");
     });
   });
   return *table;
@@ -202,9 +195,6 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
   engine::FrameRequest& request = query.request;
   check_pose(in, request.camera, request.shutter, request.pose);
   if (!request.shutter) return;
-  if (request.accuracy.edge_samples > 1)
-    in.at("accuracy")
-        .fail("edge_samples", "cannot be combined with \"shutter\": each of its rows has a view of its own");
   if (request.visibility == engine::Visibility::zbuffer && request.shutter->pushbroom)
     in.fail("visibility",
             "a line camera's rows are rendered by \"raytrace\": \"zbuffer\" draws them for a rolling shutter");

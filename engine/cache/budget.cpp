@@ -40,12 +40,8 @@ FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibil
   // Cost per sample when the z-buffer draws several at once: four take a little more than twice the time of one.
   constexpr double kPerSampleAtOnce = 0.55;
   const bool at_once = visibility == Visibility::zbuffer && drawn_at_once(request, accuracy, visibility) > 1;
-  // Supersampling edges doubles the time.
-  const double edge_factor = accuracy.edge_samples > 1 ? 2 : 1;
   const double samples =
-      !wants_radiance(request)
-          ? 1
-          : accuracy.samples_per_pixel * edge_factor * (at_once ? kPerSampleAtOnce : 1) + centre_rays;
+      !wants_radiance(request) ? 1 : accuracy.samples_per_pixel * (at_once ? kPerSampleAtOnce : 1) + centre_rays;
   // Shadow rays per sample of an extended Sun. For the z-buffer, the shadow map and horizons, which cost as much. Ray
   // tracing casts nine rays to the disc, and 256 in the penumbra, which covers about a tenth of a frame.
   constexpr double kByHorizons = 2, kByRays = 35;

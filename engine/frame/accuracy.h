@@ -27,9 +27,6 @@ struct Accuracy {
   // Each octave of distance needs its ring of blocks, however few pixels it covers: a view from 1.6 m to the horizon
   // has 11 of them.
   static constexpr double kMinDetailTriangles = 12e6;
-  // 4: a sample at an edge is replaced by four samples in its share of the pixel (visibility/image/edge_samples.h);
-  // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.
-  int edge_samples = 1;
   bool operator==(const Accuracy&) const = default;
   static double max_detail_triangles(double pixels) {
     return std::max(kDetailTrianglesPerPixel * pixels, kMinDetailTriangles);

@@ -28,13 +28,11 @@ inline bool wants_flow(const FrameRequest& request) { return request.flow_to && 
 
 // Returns the number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer
 // if the number of samples along a pixel's side is even. Four samples take four times the memory, so this is limited to
-// the largest image that is served by default (16 million pixels); larger images are drawn one sample at a time. Edges
-// are searched among all four.
+// the largest image that is served by default (16 million pixels); larger images are drawn one sample at a time.
 inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility) {
   constexpr int kLargest_px = 2048;  // longest side
   if (!wants_radiance(request)) return 1;
   if (request.shutter) return 1;  // all samples of a pixel share its row's time
-  if (accuracy.edge_samples > 1) return accuracy.samples_per_pixel;
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
   const bool fits = std::max(request.camera.width, request.camera.height) <= kLargest_px;
   return visibility != Visibility::raytrace && side % 2 == 0 && fits ? 4 : 1;
@@ -50,9 +48,6 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   if (wants_radiance(request)) bytes += (dense ? 12 : 8) * at_once;
   if (wants_light(request)) bytes += (request.sun.angular_radius_deg > 0 ? 96 : 48) * at_once;
   if (!request.camera.rectilinear()) bytes += dense ? 24 + 24 * (at_once + 1) : 48;
-  // Edges: their positions, and samples under the Sun once more, for half the pixels at a time.
-  if (wants_radiance(request) && request.accuracy.edge_samples > 1)
-    bytes += (4 + (request.sun.angular_radius_deg > 0 ? 52 : 28) + (request.camera.rectilinear() ? 0 : 96)) * at_once;
   if (request.sensor && request.products & kImage) {
     bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
     if (request.sensor->optics.stray_light.any()) bytes += 80;  // frequencies of an image with four times the pixels

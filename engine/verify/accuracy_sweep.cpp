@@ -196,12 +196,8 @@ std::vector<Setting> settings_of(const SweepOptions& options, const AccuracyScen
   std::vector<Setting> settings;
   for (const Visibility method : options.methods) {
     for (const double error : options.max_errors_px)
-      for (const int samples : options.samples_per_pixel) {
+      for (const int samples : options.samples_per_pixel)
         settings.push_back({{.max_error_px = error, .samples_per_pixel = samples}, method});
-        const auto& with_edges = options.samples_with_edges;
-        if (std::find(with_edges.begin(), with_edges.end(), samples) != with_edges.end())
-          settings.push_back({{.max_error_px = error, .samples_per_pixel = samples, .edge_samples = 4}, method});
-      }
     for (const double shadows : options.max_shadow_errors_px)
       settings.push_back({{.max_shadow_error_px = shadows}, method});
     if (has_detail(scene))

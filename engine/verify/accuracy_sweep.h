@@ -15,7 +15,6 @@ namespace selenograph::engine {
 struct SweepOptions {
   std::vector<double> max_errors_px = {4, 2, 1, 0.5, 0.25, 0.125, 0};
   std::vector<int> samples_per_pixel = {1, 4, 16};
-  std::vector<int> samples_with_edges = {4};  // subset of the above that is measured again with edge samples
   std::vector<Visibility> methods = {Visibility::raytrace, Visibility::zbuffer};
   std::vector<double> max_shadow_errors_px = {64, 4, 1};  // measured with defaults for everything else
   std::vector<double> max_detail_errors_px = {2, 1};      // the same, for scenes with detail

@@ -87,11 +87,6 @@ std::string machine() {
   return fmt::format("{}, {} cores", name, std::thread::hardware_concurrency());
 }
 
-// Returns the samples of a setting: "4", or "4, edges" with edge samples.
-std::string samples_text(const engine::Accuracy& setting) {
-  return fmt::format("{}{}", setting.samples_per_pixel, setting.edge_samples > 1 ? ", edges" : "");
-}
-
 // Prints the rows with the default targets for shadows and detail, and each scene's own setting.
 void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<engine::AccuracyScene>& scenes) {
   const engine::Accuracy standard;
@@ -104,7 +99,7 @@ void print_summary(const std::vector<engine::SweepRow>& rows, const std::vector<
                                      r.setting.max_detail_error_px == standard.max_detail_error_px;
     if (!is_own && !has_default_targets) continue;
     fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>10.1f}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}{}\n", r.scene,
-               api::visibility_name(r.visibility), r.setting.max_error_px, samples_text(r.setting), r.frame_ms,
+               api::visibility_name(r.visibility), r.setting.max_error_px, r.setting.samples_per_pixel, r.frame_ms,
                r.ratio(), r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms,
                is_own ? "  <- as requested" : "");
   }

@@ -199,8 +199,6 @@ const Addition kAdditions[] = {
     {"disc/sun15", add_disc, 15},
     {"disc/sun45", add_disc, 45},
     {"samples", [](engine::FrameRequest& r) { r.accuracy.samples_per_pixel = 4; }},
-    {"edges", [](engine::FrameRequest& r) { r.accuracy.edge_samples = 4; }},
-    {"samples_edges", [](engine::FrameRequest& r) { r.accuracy.samples_per_pixel = 4, r.accuracy.edge_samples = 4; }},
     {"band", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3); }},
     {"temperature", [](engine::FrameRequest& r) { r.band.emplace(10, 1), r.temperature_k = 350; }},
     {"atmosphere",

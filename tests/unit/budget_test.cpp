@@ -32,7 +32,6 @@ TEST(FrameWork, CountsRays) {
   EXPECT_EQ(rays({.samples_per_pixel = 4}), 8);
   EXPECT_NEAR(rays({.samples_per_pixel = 4}, Visibility::zbuffer), 4, 1) << "drawn at once";
   EXPECT_EQ(rays({.samples_per_pixel = 9}, Visibility::zbuffer), 18) << "one after the other";
-  EXPECT_EQ(rays({.samples_per_pixel = 4, .edge_samples = 4}), 16);
   request.products = kRange;
   EXPECT_EQ(rays({.samples_per_pixel = 4}), 1) << "geometry is of pixel centres";
   request.products = kRange | kRadiance;

@@ -684,15 +684,6 @@ TEST(FrameJson, RefusesRemainingMembers) {
     EXPECT_EQ(refused(R"({"accuracy": {"samples_per_pixel": )" + std::string(n) + "}}"), "/accuracy/samples_per_pixel")
         << n;
   }
-  for (const char* accuracy :
-       {R"("edge_samples": 9)", R"("edge_samples": 0)", R"("edge_samples": 4, "samples_per_pixel": 9)",
-        R"("edge_samples": 4, "samples_per_pixel": 16)"}) {
-    EXPECT_EQ(refused(R"({"accuracy": {)" + std::string(accuracy) + "}}"), "/accuracy/edge_samples") << accuracy;
-  }
-  EXPECT_EQ(accepted(R"({"accuracy": {"edge_samples": 4, "samples_per_pixel": 4}})").accuracy.edge_samples, 4);
-  EXPECT_EQ(
-      refused(R"({"accuracy": {"edge_samples": 4}, "shutter": {"line_time_s": 1e-4, "velocity_m_s": [1, 0, 0]}})"),
-      "/accuracy/edge_samples");
   EXPECT_EQ(refused(R"({"image": {"bit_depth": 12}})"), "/image/bit_depth");
   EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": 0}})"), "/image/full_scale_radiance");
   EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": "Auto"}})"), "/image/full_scale_radiance");

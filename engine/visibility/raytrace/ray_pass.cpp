@@ -35,7 +35,7 @@ void RayPass::aim(Packet& p) const {
     rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
 }
 
-void RayPass::intersect_rays(Packet& p, const PacketShader& shader) const {
+void RayPass::intersect_rays(Packet& p) const {
   Facets facets;
   trace(job_.scene, p.rays, p.points, facets);
   p.on_object = 0;
@@ -44,7 +44,7 @@ void RayPass::intersect_rays(Packet& p, const PacketShader& shader) const {
   if (p.sample.count && request_.terrain)
     p.task.counts.missing +=
         static_cast<std::uint64_t>(std::count(p.points.toward_moon, p.points.toward_moon + kPacket, true));
-  if (p.on_terrain) shader.shade(facets, p.points, p.rays, p.shading);
+  if (p.on_terrain) shader_.shade(facets, p.points, p.rays, p.shading);
 }
 
 // Finds the pixels that see objects, and removes them from the terrain.
@@ -80,41 +80,11 @@ void RayPass::light(const SurfacePoints& points, const std::uint16_t* own_object
   for (int i = 0; i < kPacket; ++i) lit[i] = requested & ~dark & 1U << i ? 1.F : 0.F;
 }
 
-void RayPass::find_radiance(Packet& p, const PacketShader& shader) const {
+void RayPass::find_radiance(Packet& p) const {
   if (!(p.sample.weight > 0)) return;
   float base[kPacket];  // radiance without the Sun: not needed, because the light is known already
-  if (p.on_terrain) shader.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, {p.y});
+  if (p.on_terrain) shader_.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, {p.y});
   if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, job_.indirect, p.object_radiance, base);
-}
-
-// Runs the stages for the samples at edges.
-void RayPass::refine_edges(std::vector<float>& radiance) const {
-  constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
-  const EdgeSamples edges(job_);
-  const int width = request_.camera.width, height = request_.camera.height;
-  std::vector<std::vector<std::uint32_t>> bands(static_cast<std::size_t>((height + kTile - 1) / kTile));
-  in_parallel(bands.size(), [&](std::size_t i) {
-    job_.stop.check();
-    const int y0 = static_cast<int>(i) * kTile;
-    bands[i] = edges.find(radiance, 0, y0, width, std::min(kTile, height - y0));
-  });
-  in_parallel(bands.size(), [&](std::size_t i) {
-    Task task{{}, edges.shader().sampler(job_.stop)};
-    for (std::size_t first = 0; first < bands[i].size() * EdgeSamples::kPerPixel; first += kPacket) {
-      if (first % (16 * kPacket) == 0) job_.stop.check();
-      Packet p(0, 0, kSample, task);
-      EdgeSamples::DensePixels dense_pixels;
-      const int count = edges.aim(bands[i], first, dense_pixels, p.rays);
-      intersect_rays(p, edges.shader());
-      find_light(p);
-      find_radiance(p, edges.shader());
-      float sample_radiance[kPacket];
-      for (int k = 0; k < kPacket; ++k)
-        sample_radiance[k] = p.on_object >> k & 1 ? p.object_radiance[k] : p.on_terrain >> k & 1 ? p.radiance[k] : 0.F;
-      for (std::size_t k = 0; k < static_cast<std::size_t>(count); k += EdgeSamples::kPerPixel)
-        radiance[bands[i][(first + k) / EdgeSamples::kPerPixel]] = EdgeSamples::mean(sample_radiance + k);
-    }
-  });
 }
 
 void RayPass::write_products(Packet& p) const {

@@ -7,7 +7,6 @@
 
 #include "dem/base/parallel.h"
 #include "engine/camera/packet_rays.h"
-#include "engine/visibility/image/edge_samples.h"
 #include "engine/visibility/image/flow.h"
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"
@@ -50,14 +49,12 @@ class RayPass {
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
-    const bool at_edges = EdgeSamples::applies_to(job_);
-    if (!job_.each && !at_edges) return for_samples(samples, stages);
+    if (!job_.each) return for_samples(samples, stages);
     for (const SubpixelSample& sample : samples) {
       if (sample.weight > 0) sample_radiance_.assign(writer_.out().radiance.size(), 0.F);
       for_samples({sample}, stages);
       if (!(sample.weight > 0)) continue;
-      if (at_edges) refine_edges(sample_radiance_);
-      if (job_.each) job_.each(sample, sample_radiance_);
+      job_.each(sample, sample_radiance_);
       for (std::size_t i = 0; i < sample_radiance_.size(); ++i)
         writer_.out().radiance[i] += sample.weight * sample_radiance_[i];
     }
@@ -91,18 +88,14 @@ class RayPass {
     intersect_rays(packet);
   }
   void aim(Packet& packet) const;
-  void intersect_rays(Packet& packet) const { intersect_rays(packet, shader_); }
+  void intersect_rays(Packet& packet) const;
   void find_light(Packet& packet) const;
-  void find_radiance(Packet& packet) const { find_radiance(packet, shader_); }
+  void find_radiance(Packet& packet) const;
   void write_products(Packet& packet) const;
 
  private:
   static constexpr int kTile = 32;  // pixels; a tile is one task
 
-  void intersect_rays(Packet& packet, const PacketShader& shader) const;
-  void find_radiance(Packet& packet, const PacketShader& shader) const;
-  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
-  void refine_edges(std::vector<float>& radiance) const;
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
   void write_flow(const Packet& packet) const;
@@ -123,7 +116,7 @@ class RayPass {
   PacketShader shader_;
   std::optional<DiscLight> disc_;
   std::optional<Flow> flow_;
-  // radiance of the current sample if `each` or edge samples need it; otherwise empty
+  // radiance of the current sample if `each` needs it; otherwise empty
   mutable std::vector<float> sample_radiance_;
 };
 

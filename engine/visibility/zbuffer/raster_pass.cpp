@@ -469,132 +469,20 @@ void RasterPass::for_each_shaded(const Visit& visit) const {
   });
 }
 
-// Takes the direct light away from the radiance of shadowed pixels, then refines edges if requested.
+// Takes the direct light away from the radiance of shadowed pixels.
 void RasterPass::find_radiance(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
-  if (sample.weight > 0 && sample.light) shade(radiance_of(sample), scratch_.bases);
+  if (sample.weight > 0 && sample.light) shade(radiance_of(sample));
   times_.shadow_ms += pixels.watch.lap_ms();
-  if (sample.weight > 0 && EdgeSamples::applies_to(job_)) refine_edges(pixels);
 }
 
 // Reduces radiance to what shadows leave of it.
-void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
+void RasterPass::shade(std::vector<float>& radiance) const {
   const float everywhere = shader_.base_radiance();
   for_each_shaded([&](const PartlyLit& remaining) {
-    const float base = bases.empty() ? everywhere : bases[remaining.pixel];
+    const float base = scratch_.bases.empty() ? everywhere : scratch_.bases[remaining.pixel];
     radiance[remaining.pixel] = base + (radiance[remaining.pixel] - base) * remaining.cosine;
   });
-}
-
-// A batch of tiles of the dense frame (edge_samples.h: four samples per pixel): from first to past_last.
-struct RasterPass::EdgeTiles {
-  const EdgeSamples& edges;
-  const ImageTiling& tiling;
-  std::size_t first, past_last;
-};
-
-// Runs the stages for the samples at edges, in batches of tiles.
-void RasterPass::refine_edges(Pixels& pixels) {
-  EdgeScratch& edge_scratch = scratch_.edges;
-  const std::vector<float>& radiance = radiance_of(pixels.sample);
-  const EdgeSamples edges(job_);
-  const ImageTiling tiling(mesh_, edges.dense_views());
-  tiling.lay(0, 0, edges.dense_lens(), scratch_.boxes, edge_scratch.tiles);
-  edge_scratch.pixels.resize(edge_scratch.tiles.size());
-  in_parallel(edge_scratch.tiles.size(), [&](std::size_t i) {
-    constexpr int kSide = EdgeSamples::kSide;
-    job_.stop.check();
-    const ImageTile& tile = edge_scratch.tiles[i];
-    edge_scratch.pixels[i] =
-        edges.find(radiance, tile.x0 / kSide, tile.y0 / kSide, tile.width / kSide, tile.height / kSide);
-  });
-  // Bound the memory by batches of tiles with at most this many samples, or of one tile; see frame/needs.h.
-  const std::size_t max_samples = radiance.size() / 2;
-  for (EdgeTiles batch{edges, tiling, 0, 0}; batch.first < edge_scratch.tiles.size(); batch.first = batch.past_last) {
-    edge_scratch.first.assign(1, 0);
-    do {
-      edge_scratch.first.push_back(edge_scratch.first.back() +
-                                   edge_scratch.pixels[batch.past_last].size() * EdgeSamples::kPerPixel);
-      ++batch.past_last;
-    } while (batch.past_last < edge_scratch.tiles.size() &&
-             edge_scratch.first.back() + edge_scratch.pixels[batch.past_last].size() * EdgeSamples::kPerPixel <=
-                 max_samples);
-    refine_tiles(batch, pixels);
-  }
-}
-
-// Runs the stages for one batch of tiles, and replaces the radiance of its edge pixels by the mean of their samples.
-void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
-  EdgeScratch& edge_scratch = scratch_.edges;
-  const std::size_t tiles = batch.past_last - batch.first;
-  const std::size_t capacity = edge_scratch.first.back() + kPacket;
-  edge_scratch.radiance.assign(capacity, 0.F);
-  edge_scratch.bases.clear();
-  if (!scratch_.bases.empty()) edge_scratch.bases.assign(capacity, shader_.base_radiance());
-  edge_scratch.samples.clear();
-  edge_scratch.samples.resize(tiles);
-  in_parallel(tiles, [&](std::size_t i) {
-    job_.stop.check();
-    const std::size_t count = edge_scratch.first[i + 1] - edge_scratch.first[i];
-    if (count > 0) {
-      edge_scratch.samples[i].clear(count + kPacket);
-      if (disc_) edge_scratch.samples[i].disc.clear(count + kPacket, !job_.objects.empty());
-      const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
-      batch.tiling.draw(edge_scratch.tiles[batch.first + i], 0, 0, batch.edges.dense_lens(), scratch_.boxes, *buffer);
-      resolve_edges(batch, i, *buffer);
-    }
-    edge_scratch.samples[i].bound();
-  });
-  times_.resolve_ms += pixels.watch.lap_ms();
-  if (pixels.sample.light) {
-    shadows_->cast(edge_scratch.samples, scratch_.light, job_.stop);
-    shade(edge_scratch.radiance, edge_scratch.bases);
-  }
-  std::vector<float>& radiance = radiance_of(pixels.sample);
-  in_parallel(tiles, [&](std::size_t i) {
-    const float* sample_radiance = edge_scratch.radiance.data() + edge_scratch.first[i];
-    for (const std::uint32_t pixel : edge_scratch.pixels[batch.first + i]) {
-      radiance[pixel] = EdgeSamples::mean(sample_radiance);
-      sample_radiance += EdgeSamples::kPerPixel;
-    }
-  });
-  times_.shadow_ms += pixels.watch.lap_ms();
-}
-
-// Resolves the edge samples of tile i of the batch, which has been drawn into `buffer`, in packets across the tile's
-// rows: a packet is neither at one place of the image nor counted, so its row has no position.
-void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer) {
-  constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
-  EdgeScratch& edge_scratch = scratch_.edges;
-  const ImageTile& tile = edge_scratch.tiles[batch.first + i];
-  const std::vector<std::uint32_t>& pixels = edge_scratch.pixels[batch.first + i];
-  PacketShader::Sampler sampler = batch.edges.shader().sampler(job_.stop);
-  PixelCounts uncounted;
-  for (std::size_t first_sample = 0; first_sample < pixels.size() * EdgeSamples::kPerPixel; first_sample += kPacket) {
-    EdgeSamples::DensePixels dense_pixels;
-    Rays rays;
-    const int count = batch.edges.aim(pixels, first_sample, dense_pixels, rays);
-    std::uint32_t triangles[kPacket];
-    for (int k = 0; k < count; ++k)
-      triangles[k] =
-          buffer.triangle[static_cast<std::size_t>(dense_pixels.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
-                          static_cast<std::size_t>(dense_pixels.x[k] - tile.x0)];
-    SurfacePoints points;
-    take_triangles(triangles, count, points);
-    Facets facets;
-    refine(job_.scene.mesh, rays, points, facets);
-    const std::size_t first = edge_scratch.first[i] + first_sample;
-    const Row row{0,
-                  0,
-                  count,
-                  first,
-                  kSample,
-                  batch.edges.dense_lens(),
-                  batch.edges.shader(),
-                  edge_scratch.radiance.data() + first,
-                  edge_scratch.bases.empty() ? nullptr : edge_scratch.bases.data() + first};
-    resolve_points(row, rays, points, facets, {}, uncounted, edge_scratch.samples[i], sampler);
-  }
 }
 
 // Adds the sample to the radiance of the frame. Geometry products are written earlier, by find_points.
@@ -619,16 +507,9 @@ std::size_t bytes_of_tiles(const std::vector<ImageTile>& tiles, const std::vecto
 
 }  // namespace
 
-std::size_t EdgeScratch::bytes() const {
-  std::size_t sum =
-      bytes_of_tiles(tiles, samples) + bytes_of(pixels) + bytes_of(first) + bytes_of(radiance) + bytes_of(bases);
-  for (const auto& list : pixels) sum += bytes_of(list);
-  return sum;
-}
-
 std::size_t FrameScratch::bytes() const {
   return sizeof(FrameScratch) + bytes_of_tiles(tiles, samples) + bytes_of(boxes) + bytes_of(radiance) +
-         bytes_of(bases) + edges.bytes() + light.bytes() + buffers.bytes();
+         bytes_of(bases) + light.bytes() + buffers.bytes();
 }
 
 }  // namespace selenograph::engine

@@ -10,7 +10,6 @@
 #include "engine/frame/report.h"
 #include "engine/support/pool.h"
 #include "engine/support/stopwatch.h"
-#include "engine/visibility/image/edge_samples.h"
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"
 #include "engine/visibility/points/shading.h"
@@ -21,18 +20,6 @@
 
 namespace selenograph::engine {
 
-// Scratch memory of edge samples; see edge_samples.h.
-struct EdgeScratch {
-  std::vector<ImageTile> tiles;                    // tiles of the dense frame
-  std::vector<std::vector<std::uint32_t>> pixels;  // edge pixels of the frame, per tile
-  // For a batch of tiles: the index of the first sample of each tile, and the end; radiance and base radiance per
-  // sample.
-  std::vector<std::size_t> first;
-  std::vector<LightSamples> samples;
-  std::vector<float> radiance, bases;
-  std::size_t bytes() const;
-};
-
 // Scratch memory of a frame, reused from frame to frame.
 struct FrameScratch {
   std::vector<StripBox> boxes;
@@ -40,7 +27,6 @@ struct FrameScratch {
   std::vector<LightSamples> samples;  // per tile
   std::vector<float> radiance;        // radiance of the current sub-pixel sample
   std::vector<float> bases;           // radiance without the Sun, per pixel; empty: the same for all pixels
-  EdgeScratch edges;
   LightScratch light;
   Pool<TileBuffer> buffers;  // one per thread
   std::size_t bytes() const;
@@ -98,12 +84,7 @@ class RasterPass {
                           PacketShader::Sampler& sampler);
   static void store_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples);
   bool needs_points(const Row& row, const SurfacePoints& points, std::uint32_t near_rocks, PixelCounts& counts);
-  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
-  void refine_edges(Pixels& pixels);
-  struct EdgeTiles;  // a batch of tiles
-  void refine_tiles(const EdgeTiles& batch, Pixels& pixels);
-  void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
-  void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
+  void shade(std::vector<float>& radiance) const;
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
   void store_albedos(const Row& row, const SurfacePoints& points, const Rays& rays, PacketShader::Sampler& sampler);
   // Records the hits of the boresight and the corners of the image.
