@@ -22,7 +22,7 @@ struct Header {
   std::size_t corners, triangles, textured;
 };
 
-std::string bytes_of(const ObjectShape& shape) {
+std::string encode_shape(const ObjectShape& shape) {
   const Header header{shape.corners.size(), shape.triangles.size(), shape.textured};
   std::string bytes(reinterpret_cast<const char*>(&header), sizeof header);
   bytes.reserve(sizeof header + shape.bytes());
@@ -68,7 +68,7 @@ ObjectShape shape_of(std::string_view bytes, const std::string& path) {
 int read_mesh_in_child(int argc, char** argv) {
   return read_in_child(argc, argv, [](const std::string& path, std::size_t max_bytes) {
     const std::string extension = std::filesystem::path(path).extension().string();
-    return bytes_of(read_mesh_file(dem::read_head(path, max_bytes), extension.substr(1), max_bytes));
+    return encode_shape(read_mesh_file(dem::read_head(path, max_bytes), extension.substr(1), max_bytes));
   });
 }
 
