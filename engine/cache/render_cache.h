@@ -109,7 +109,7 @@ class RenderCache {
   LightTiles light_tiles_;
   Pool<FrameScratch> scratch_;
   std::mutex reservation_mutex_;
-  std::size_t reserved_bytes_ = 0;              // by scenes that are being built
+  std::size_t reserved_bytes_ = 0;  // by scenes that are being built
   // The most recent scenes, drawn or prepared, newest first, if still in use or cached: a moving camera's next scene
   // shares most blocks with one of them.
   static constexpr std::size_t kLatestScenes = 4;

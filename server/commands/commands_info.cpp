@@ -12,8 +12,8 @@
 #include "dem/terrain/height_survey.h"
 #include "dem/terrain/resampling.h"
 #include "server/commands/commands.h"
-#include "server/commands/start.h"
 #include "server/commands/coverage.h"
+#include "server/commands/start.h"
 
 namespace selenograph::server {
 namespace {

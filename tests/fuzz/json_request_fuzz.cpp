@@ -134,8 +134,7 @@ void check_frame(const Json& document) {
   // The answer's metadata hold the request as it was understood: sent back, it must mean the same.
   const std::string resolved = api::resolved_json(query).dump();
   try {
-    const std::string again =
-        api::resolved_json(api::read_frame(api::parse_json(resolved), kLimits, kAssets)).dump();
+    const std::string again = api::resolved_json(api::read_frame(api::parse_json(resolved), kLimits, kAssets)).dump();
     require(again == resolved, "a resolved request resolves to itself:", resolved + "\n" + again);
   } catch (const api::RequestError& refusal) {
     require(false, "a resolved request is a valid one:",
@@ -217,8 +216,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     fuzz::check_refusal(refusal, nullptr);
     return 0;
   }
-  fuzz::require(api::parse_json(document.dump()) == document,
-                "JSON that was read is written and read again");
+  fuzz::require(api::parse_json(document.dump()) == document, "JSON that was read is written and read again");
   for (const auto check : {fuzz::check_frame, fuzz::check_map, fuzz::check_rays, fuzz::check_project,
                            fuzz::check_heights, fuzz::check_features, fuzz::check_mertis, fuzz::check_round_trip}) {
     try {

@@ -21,9 +21,8 @@ std::string of_origin(const AllowedHosts& hosts, const std::string& host, const 
 
 TEST(AllowedHosts, LoopbackHasItsNames) {
   const AllowedHosts hosts("127.0.0.1", {});
-  for (const char* host :
-       {"localhost", "localhost:8080", "LocalHost", "localhost.", "localhost.:8080", "127.0.0.1", "127.0.0.1:1",
-        "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]"})
+  for (const char* host : {"localhost", "localhost:8080", "LocalHost", "localhost.", "localhost.:8080", "127.0.0.1",
+                           "127.0.0.1:1", "127.0.0.1:", "[::1]", "[::1]:8080", "[0:0:0:0:0:0:0:1]"})
     EXPECT_EQ(of_host(hosts, host), "") << host;
   for (const char* host : {"evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example",
                            "xlocalhost", "127.0.0.2", "0.0.0.0", "[::]", "[::2]", "2130706433", "127.1", "0x7f.0.0.1",
