@@ -142,10 +142,10 @@ class Documented(unittest.TestCase):
             return ("Selenograph-Warnings",)
         if operation.path not in ("/v1/frames", "/v1/maps"):
             return ()
-        missing = ("Selenograph-Missing-Fraction",)  # of frames and maps that run off the data
+        missing = ("Selenograph-Missing-Fraction", "Selenograph-Warnings")  # of frames and maps that run off the data
         if operation.path == "/v1/maps":
             return missing
-        missing += ("Selenograph-Warnings", "Selenograph-Echo")  # of requests with an echo
+        missing += ("Selenograph-Echo",)  # of requests with an echo
         if headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
             return missing + ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
         return missing

@@ -35,7 +35,7 @@ RECORD = os.path.join(HERE, "same_bytes.json")
 LISTED = (
     "nadir, all products, zbuffer", "nadir, all products, raytrace", "oblique, zbuffer", "limb, raytrace",
     "horizon from 2 m, zbuffer", "far, zbuffer", "pole, zbuffer", "pole, raytrace", "date line, zbuffer", "low Sun, raytrace",
-    "penumbra, zbuffer", "lens, raytrace", "sub-pixel samples, raytrace", "samples at edges, zbuffer", "attitude by quaternion",
+    "penumbra, zbuffer", "lens, raytrace", "sub-pixel samples, raytrace", "attitude by quaternion",
     "reflectance: lunar-Lambert", "reflectance: Hapke", "band", "thermal band", "maps, zbuffer", "maps, samples",
     "objects, zbuffer", "objects, penumbra, raytrace", "sensor: all noise, motion, zbuffer",
     "sensor: Airy, vignetting by a table", "preset", "image of 16 bits", "PNG of 16 bits", "normal as application/x-npy",

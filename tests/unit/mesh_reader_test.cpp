@@ -90,9 +90,9 @@ TEST_F(MeshFiles, NamesAreUtf8) {
 
 TEST_F(MeshFiles, MustBeRegularFiles) {
   ::mkfifo((folder_ / "pipe.obj").c_str(), 0600);
-  expect_within(fault_of(folder_ / "pipe.obj"), "not an ordinary file");
+  expect_within(fault_of(folder_ / "pipe.obj"), "not a regular file");
   std::filesystem::create_directory(folder_ / "folder.obj");
-  expect_within(fault_of(folder_ / "folder.obj"), "not an ordinary file");
+  expect_within(fault_of(folder_ / "folder.obj"), "not a regular file");
   // Content of another of the library's sixty formats.
   EXPECT_NE(fault_of(write("a.obj",
                            "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"

@@ -360,8 +360,8 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
   preset.craters.smallest_m = 4;
   const auto detail = std::make_shared<const dem::Detail>(preset);
   const Sun sun{to_cartesian({9, 95, 0}).normalized()};
-  const std::vector<View> from{view_from(to_cartesian({10, 26, 20000}), to_cartesian({10, 26, 0}), 1000),
-                               view_from(to_cartesian({10, 26, 6000}), to_cartesian({10.3, 26.3, 0}), 600)};
+  const std::vector<View> from{view_from(to_cartesian({10, 26, 2000}), to_cartesian({10, 26, 0}), 1000),
+                               view_from(to_cartesian({10, 26, 1000}), to_cartesian({10.05, 26.05, 0}), 600)};
   for (const View& view : from)
     for (const Accuracy& accuracy : {Accuracy{}, Accuracy{.max_error_px = 4, .max_detail_error_px = 8}}) {
       std::optional<Selection> by_one;
