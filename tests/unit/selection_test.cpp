@@ -372,7 +372,7 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
         if (!by_one) {
           EXPECT_GT(std::count_if(s.blocks.begin(), s.blocks.end(),
                                   [&](const BlockId& id) { return terrain.has_detail(id); }),
-                    20);
+                    10);
           by_one = s;
         }
         EXPECT_EQ(s.blocks, by_one->blocks) << threads;
