@@ -15,7 +15,7 @@ namespace {
 // Adds an option for a place, and refuses other text.
 CLI::Option* add_place(CLI::App& command, const std::string& name, std::string& text, const std::string& help) {
   return command.add_option(name, text, help)->type_name("LAT,LON")->check([](const std::string& value) {
-    return place_of(value) ? std::string() : std::string("must be latitude and longitude in degrees: 26.1,3.6");
+    return place_of(value) ? std::string() : std::string("must be latitude and longitude: 26.1,3.6 or 26:06N,3:36E");
   });
 }
 

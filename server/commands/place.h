@@ -1,4 +1,4 @@
-// Places on the command line: "26.1,3.6".
+// Places on the command line: "26.1,3.6" or "26:06N,3:36E", as GeographicLib reads them.
 #pragma once
 
 #include <optional>
@@ -8,7 +8,7 @@
 
 namespace selenograph::server {
 
-// Parses latitude and longitude in degrees; empty for invalid text.
+// Parses latitude and longitude, in degrees or degrees, minutes and seconds; empty for invalid text.
 std::optional<Geographic> place_of(const std::string& text);
 
 }  // namespace selenograph::server

@@ -52,6 +52,7 @@ LIBRARIES = [
                "dem/detail/detail_kernels"]),
     (r"assimp/", ["engine/visibility/meshes/mesh_file"]),
     (r"erfa", ["engine/sky/"]),
+    (r"GeographicLib/", ["server/commands/place"]),
     (r"libnova/", ["engine/sky/sky_observer"]),
     (r"OpenImageIO/", ["api/encode/encode_image"]),
     (r"zip\.h", ["api/"]),
