@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dem/base/parallel.h"
+#include "dem/base/smoothstep.h"
 #include "dem/detail/detail_kernels.h"
 
 namespace selenograph::dem {
@@ -24,11 +25,6 @@ constexpr double kFaintest = 0.006;  // of what a crater adds; fainter ones add 
 double local_factor_of(double uniform) {
   constexpr double kDimmestPlace = 0.2, kBrightestPlace = 1.2;
   return kDimmestPlace + (kBrightestPlace - kDimmestPlace) * uniform;
-}
-
-double smooth_step(double t) {
-  t = std::clamp(t, 0.0, 1.0);
-  return t * t * (3 - 2 * t);
 }
 
 // Returns the steepest slope of a crater's wall, of a shape whose height is one diameter (CraterShape::height), by its
@@ -72,7 +68,7 @@ class Profile {
       bright.push_back(static_cast<float>(floor * spread * edge));
       dim.push_back(static_cast<float>(std::exp(-from_dimmest * from_dimmest) * edge));
       in_rays.push_back(static_cast<float>(std::clamp(0.8 * (outward - 1), 0.0, 1.0)));
-      wall.push_back(static_cast<float>(smooth_step((r - 0.35) / 0.3) * smooth_step((1.06 - r) / 0.12)));
+      wall.push_back(static_cast<float>(smoothstep((r - 0.35) / 0.3) * smoothstep((1.06 - r) / 0.12)));
     }
     area_bright = area_of(bright);
     area_dim = area_of(dim);
@@ -238,7 +234,7 @@ double CraterBrightness::mean_of_sizes(const CraterAges& ages, double smallest_m
 double CraterBrightness::wall_of(double scale_over_diameter, double age) const {
   constexpr double kLevel_deg = 18, kSteep_deg = 30;
   const double slope_deg = std::atan(scale_over_diameter * steepest_wall(age)) * kDegreesPerRadian;
-  return variation_ * kSteepWall * smooth_step((slope_deg - kLevel_deg) / (kSteep_deg - kLevel_deg));
+  return variation_ * kSteepWall * smoothstep((slope_deg - kLevel_deg) / (kSteep_deg - kLevel_deg));
 }
 
 // Integrates over the deviates from which CraterField draws depths and ages.

@@ -92,7 +92,7 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
   double highest = 0, r = 0;
   while (r < end) {
     // Fade the height to 0 towards the reach, where the diffused profile would go on.
-    const double h = scale * height_at(annuli, r) * replaced((end - r) / (end - fade_begin));
+    const double h = scale * height_at(annuli, r) * smoothstep((end - r) / (end - fade_begin));
     row.heights.push_back(static_cast<float>(h));
     highest = std::max(highest, h);
     r += kStep;

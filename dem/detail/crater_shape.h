@@ -21,6 +21,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/base/smoothstep.h"
+
 namespace selenograph::dem {
 
 class CraterShape {
@@ -48,14 +50,9 @@ class CraterShape {
   double age_of(double depth_left) const;
 
   // Returns the share of its octave's older ground that a crater replaces: 1 inside kReplaces crater radii, 0 beyond
-  // its reach, smooth in between. `t` falls from 1 at kReplaces to 0 at the reach.
+  // its reach, smooth in between.
   static constexpr double kReplaces = 0.85;
-  template <typename Float>
-  static Float replaced(Float t) {
-    t = std::clamp(t, Float(0), Float(1));
-    return t * t * (3 - 2 * t);
-  }
-  static double replaced_at(double r, double age) { return replaced((reach(age) - r) / (reach(age) - kReplaces)); }
+  static double replaced_at(double r, double age) { return smoothstep((reach(age) - r) / (reach(age) - kReplaces)); }
   // Bounds for any number of craters that replace each other: the ground stays between -deepest and highest times the
   // largest scale.
   double deepest() const { return deepest_; }

@@ -102,12 +102,12 @@ CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
   const Detail& measure = copy ? *copy : detail;
   const CraterField& craters = measure.craters();
   const Relief& relief = measure.relief();
-  smallest_ = std::min(craters.smallest_octave(), relief.shortest_octave());
+  smallest_ = std::min(craters.smallest_octave(), relief.smallest_octave());
   if (const ClodField& clods = measure.clods(); clods.smallest_octave() <= clods.largest_octave())
     smallest_ = std::min(smallest_, clods.smallest_octave());
   if (!measure.fragments().empty()) smallest_ = std::min(smallest_, measure.fragments().smallest_octave());
   smallest_ = std::max(smallest_, Detail::smallest_octave(kMaxLevel));
-  const int largest = std::min(std::max(craters.largest_octave(), relief.longest_octave()),
+  const int largest = std::min(std::max(craters.largest_octave(), relief.largest_octave()),
                                Detail::past_largest_octave(kRootLevel) - 1);
   octaves_.resize(static_cast<std::size_t>(std::max(0, largest - smallest_ + 1)));
   in_parallel(octaves_.size(),

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numbers>
+#include <numeric>
+#include <ranges>
 #include <utility>
 
 #include "dem/base/parallel.h"
@@ -20,6 +23,15 @@ constexpr double kPostsPerFeature = 4;  // smallest size that a level shows, in 
 double p99_from(double height_m, std::vector<double>& heights_m) {
   for (double& h : heights_m) h = std::abs(h - height_m);
   return ranked(heights_m, heights_m.size() * 99 / 100);
+}
+
+constexpr int kAny = std::numeric_limits<int>::min();
+
+// Returns the octaves that a field has, from `first` to the one before `past`.
+template <typename Field>
+auto octaves_of(const Field& field, int first = kAny, int past = std::numeric_limits<int>::max()) {
+  const int from = std::max(first, field.smallest_octave());
+  return std::views::iota(from, std::max(from, std::min(past, field.largest_octave() + 1)));
 }
 
 // Returns the products of two lists of numbers. Empty lists stand for ones.
@@ -50,49 +62,50 @@ Detail::Detail(const DetailPreset& preset)
       fragments_(preset.rocks, preset.region),
       rocks_(preset.rocks, preset.region),
       fade_m_(std::max({preset.craters.largest_m, preset.relief.longest_m, preset.clods.largest_m})) {
-  // Measure the mean and the 99th percentile of each octave alone on a square of ground. The crater field has no region
-  // yet, so that the square is full of craters; the field with the region replaces it below.
+  // Measure the mean of each octave of craters, and each octave's 99th percentile, alone on a square of ground. The
+  // fields have no region here, so that the square is full; craters_ gets its region below.
   constexpr int kSide = 192;
-  means_m_.assign(static_cast<std::size_t>(std::max(0, craters_.largest_octave() - craters_.smallest_octave() + 1)), 0);
-  crater_p99_m_.resize(means_m_.size());
-  // The square measures 64 diameters or wavelengths and lies at the equator, where a grid is square.
-  const auto square = [](int octave) {
-    const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
-    return SquareGrid(0, step, 1, step, kSide);
+  // Measures the octaves of a field by `add`, in parallel. `mean_m`: the mean of an octave's heights, from which the
+  // percentile is counted.
+  const auto measure = [&](const auto& field, const auto& add, const auto& mean_m) {
+    const auto octaves = octaves_of(field);
+    std::vector<double> p99_m(octaves.size());
+    in_parallel(p99_m.size(), [&](std::size_t i) {
+      const int octave = octaves[static_cast<int>(i)];
+      // The square measures 64 diameters or wavelengths and lies at the equator, where a grid is square.
+      const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
+      std::vector<double> heights(kSide * kSide);
+      add(SquareGrid(0, step, 1, step, kSide).grid(), octave, heights);
+      p99_m[i] = p99_from(mean_m(i, heights), heights);
+    });
+    return p99_m;
   };
-  in_parallel(means_m_.size(), [&](std::size_t i) {
-    const int octave = craters_.smallest_octave() + static_cast<int>(i);
-    std::vector<double> heights(kSide * kSide);
-    add_craters(square(octave).grid(), octave, {}, heights, {}, {});
-    double sum = 0;
-    for (const double h : heights) sum += h;
-    means_m_[i] = sum / (kSide * kSide);
-    crater_p99_m_[i] = p99_from(means_m_[i], heights);
-  });
-  relief_p99_m_.resize(static_cast<std::size_t>(std::max(0, relief_.longest_octave() - relief_.shortest_octave() + 1)));
-  in_parallel(relief_p99_m_.size(), [&](std::size_t i) {
-    const int octave = relief_.shortest_octave() + static_cast<int>(i);
-    std::vector<double> heights(kSide * kSide);
-    add_relief(square(octave).grid(), octave, {}, heights, {});
-    relief_p99_m_[i] = p99_from(0, heights);
-  });
-  clod_p99_m_.resize(static_cast<std::size_t>(std::max(0, clods_.largest_octave() - clods_.smallest_octave() + 1)));
+  const auto none = [](std::size_t, const std::vector<double>&) { return 0.0; };
+  means_m_.assign(octaves_of(craters_).size(), 0);
+  crater_p99_m_ = measure(
+      craters_,
+      [&](const DirectionGrid& grid, int octave, std::span<double> heights_m) {
+        add_craters(grid, octave, {}, heights_m, {}, {});
+      },
+      [&](std::size_t i, const std::vector<double>& heights_m) {
+        return means_m_[i] = std::accumulate(heights_m.begin(), heights_m.end(), 0.0) / (kSide * kSide);
+      });
+  relief_p99_m_ = measure(
+      relief_,
+      [&](const DirectionGrid& grid, int octave, std::span<double> heights_m) {
+        add_relief(grid, octave, {}, heights_m, {});
+      },
+      none);
+  // Returns an `add` of a field that marks what it covers.
+  const auto unmarked = [](const auto& field) {
+    return [&field](const DirectionGrid& grid, int octave, std::span<double> heights_m) {
+      field.add(grid, octave, {}, heights_m, {}, {});
+    };
+  };
   const ClodField clods_everywhere(preset.clods);
-  in_parallel(clod_p99_m_.size(), [&](std::size_t i) {
-    const int octave = clods_.smallest_octave() + static_cast<int>(i);
-    std::vector<double> heights(kSide * kSide);
-    clods_everywhere.add(square(octave).grid(), octave, {}, heights, {}, {});
-    clod_p99_m_[i] = p99_from(0, heights);
-  });
+  clod_p99_m_ = measure(clods_everywhere, unmarked(clods_everywhere), none);
   const FragmentField fragments_everywhere(preset.rocks);
-  if (!fragments_.empty())
-    fragment_p99_m_.resize(static_cast<std::size_t>(fragments_.largest_octave() - fragments_.smallest_octave() + 1));
-  in_parallel(fragment_p99_m_.size(), [&](std::size_t i) {
-    const int octave = fragments_.smallest_octave() + static_cast<int>(i);
-    std::vector<double> heights(kSide * kSide);
-    fragments_everywhere.add(square(octave).grid(), octave, {}, heights, {}, {});
-    fragment_p99_m_[i] = p99_from(0, heights);
-  });
+  fragment_p99_m_ = measure(fragments_everywhere, unmarked(fragments_everywhere), none);
   craters_ = CraterField(preset.craters, preset.region);
   finest_level_ = find_finest_level();
 }
@@ -104,7 +117,7 @@ double Detail::expected_left_out_m(double size_m) const {
       if (std::ldexp(1.0, smallest_octave + static_cast<int>(i)) < size_m) square_m2 += p99_m[i] * p99_m[i];
   };
   add(crater_p99_m_, craters_.smallest_octave());
-  add(relief_p99_m_, relief_.shortest_octave());
+  add(relief_p99_m_, relief_.smallest_octave());
   add(clod_p99_m_, clods_.smallest_octave());
   add(fragment_p99_m_, fragments_.smallest_octave());
   return std::sqrt(square_m2);
@@ -120,14 +133,11 @@ int Detail::samples_per_cell(int octave, int posts_level) {
 // The constructor stores the result, because every block of every frame needs it.
 int Detail::find_finest_level() const {
   int level = 0;
-  // Returns whether `level` shows all octaves from `smallest` to `largest`, of which there may be none.
-  const auto shows = [&](int smallest, int largest) {
-    return smallest > largest || smallest_octave(level) <= smallest;
+  const auto shows_all_of = [&](const auto& field) {
+    return octaves_of(field).empty() || smallest_octave(level) <= field.smallest_octave();
   };
-  while (level < kMaxLevel && !(shows(craters_.smallest_octave(), craters_.largest_octave()) &&
-                                shows(relief_.shortest_octave(), relief_.longest_octave()) &&
-                                shows(clods_.smallest_octave(), clods_.largest_octave()) &&
-                                shows(fragments_.smallest_octave(), fragments_.largest_octave())))
+  while (level < kMaxLevel &&
+         !(shows_all_of(craters_) && shows_all_of(relief_) && shows_all_of(clods_) && shows_all_of(fragments_)))
     ++level;
   return level;
 }
@@ -140,26 +150,22 @@ double Detail::left_out_m(int level, int posts_level) const {
   double sum_m = 0;
   // Octaves below this one are missing on the level, and the posts do not have them either.
   const int shown = std::min(smallest_octave(level), past_largest_octave(posts_level));
-  for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
+  for (const int k : octaves_of(craters_, kAny, shown))
     // An octave's heights, less its mean, lie between -(deepest + mean) and highest - mean.
     sum_m +=
         std::max({craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k),
                   preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // beside the border the mean has faded
-  for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
-    sum_m += relief_.max_height_m(k);
-  for (int k = clods_.smallest_octave(); k <= std::min(shown - 1, clods_.largest_octave()); ++k)
-    sum_m += clods_.max_height_m(k);
-  for (int k = fragments_.smallest_octave(); k <= std::min(shown - 1, fragments_.largest_octave()); ++k)
-    sum_m += fragments_.max_height_m(k);
+  for (const int k : octaves_of(relief_, kAny, shown)) sum_m += relief_.max_height_m(k);
+  for (const int k : octaves_of(clods_, kAny, shown)) sum_m += clods_.max_height_m(k);
+  for (const int k : octaves_of(fragments_, kAny, shown)) sum_m += fragments_.max_height_m(k);
   return sum_m;
 }
 
 double Detail::left_out_size_m(int octave) const {
-  const bool has_smaller = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
-                           relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1) ||
-                           clods_.smallest_octave() < std::min(octave, clods_.largest_octave() + 1) ||
-                           fragments_.smallest_octave() < std::min(octave, fragments_.largest_octave() + 1);
-  return has_smaller ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
+  const auto has_smaller = [&](const auto& field) { return !octaves_of(field, kAny, octave).empty(); };
+  return has_smaller(craters_) || has_smaller(relief_) || has_smaller(clods_) || has_smaller(fragments_)
+             ? std::min(std::ldexp(1.0, octave), widest_m())
+             : 0;
 }
 
 // Adds up the ranges of all octaves that detail may have.
@@ -170,19 +176,14 @@ double Detail::max_detail_m(int posts_level) const {
   constexpr double kMaxOverRange = (1 + 1.5625 * 2.557) / 2;  // |detail - correction| over the range
   const int first_in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
   double range_m = 0;
-  for (int k = std::max(first_in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave());
-       ++k)
-    range_m += craters_.deepest_m(k) + craters_.highest_m(k) +
-               (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // the mean fades, the craters do not
-  for (int k = std::max(first_in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave());
-       ++k)
-    range_m += 2 * relief_.max_height_m(k);
-  for (int k = std::max(first_in_means, clods_.smallest_octave()); k <= std::min(past - 1, clods_.largest_octave());
-       ++k)
-    range_m += clods_.max_height_m(k) + (preset_.region.everywhere() ? 0 : clods_.mean_m(k));
-  for (int k = std::max(first_in_means, fragments_.smallest_octave());
-       k <= std::min(past - 1, fragments_.largest_octave()); ++k)
-    range_m += fragments_.max_height_m(k) + (preset_.region.everywhere() ? 0 : fragments_.mean_m(k));
+  const bool fades = !preset_.region.everywhere();  // the means, not what they are of
+  for (const int k : octaves_of(craters_, first_in_means, past))
+    range_m += craters_.deepest_m(k) + craters_.highest_m(k) + (fades ? std::abs(mean_m(k)) : 0);
+  for (const int k : octaves_of(relief_, first_in_means, past)) range_m += 2 * relief_.max_height_m(k);
+  for (const int k : octaves_of(clods_, first_in_means, past))
+    range_m += clods_.max_height_m(k) + (fades ? clods_.mean_m(k) : 0);
+  for (const int k : octaves_of(fragments_, first_in_means, past))
+    range_m += fragments_.max_height_m(k) + (fades ? fragments_.mean_m(k) : 0);
   // Add the octaves that are too small for the means: nothing of them is subtracted.
   return kMaxOverRange * range_m + left_out_m(posts_level + kCellLevels, posts_level);
 }
@@ -225,8 +226,7 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
 }
 
 bool Detail::has_relief(int level, int posts_level) const {
-  return std::max(smallest_octave(level), relief_.shortest_octave()) <=
-         std::min(relief_.longest_octave(), past_largest_octave(posts_level) - 1);
+  return !octaves_of(relief_, smallest_octave(level), past_largest_octave(posts_level)).empty();
 }
 
 void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m, const Marks& marks,
@@ -236,13 +236,11 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
   std::fill(marks.fragments.on_fragment.begin(), marks.fragments.on_fragment.end(), 0.F);
   const std::vector<double> shares = shares_of(grid), weights = product(relief_factor, shares);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
-  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
-    add_craters(grid, k, shares, heights_m, marks.in_crater, stop);
-  for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
+  for (const int k : octaves_of(craters_, shown, past)) add_craters(grid, k, shares, heights_m, marks.in_crater, stop);
+  for (const int k : octaves_of(relief_, shown, past))
     add_relief(grid, k, relief_.follows_posts(k) ? weights : shares, heights_m, stop);
-  for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
-    clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
-  for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
+  for (const int k : octaves_of(clods_, shown, past)) clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
+  for (const int k : octaves_of(fragments_, shown, past))
     fragments_.add(grid, k, shares, heights_m, marks.fragments, stop);
 }
 
@@ -252,21 +250,19 @@ void Detail::add_crater_brightness(const DirectionGrid& grid, int level, int pos
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   constexpr double kUnshownWeight = 0.5;
-  for (int k = std::max(shown - 1, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
+  for (const int k : octaves_of(craters_, shown - 1, past))
     brightness_.add(craters_, grid, k, shares, factor, stop, k < shown ? kUnshownWeight : 1);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop,
                         std::span<const double> relief_factor) const {
   const std::vector<double> shares = shares_of(grid);
-  if (craters_.smallest_octave() <= octave && octave <= craters_.largest_octave())
-    add_craters(grid, octave, shares, heights_m, {}, stop);
-  if (relief_.shortest_octave() <= octave && octave <= relief_.longest_octave())
+  const auto has = [&](const auto& field) { return !octaves_of(field, octave, octave + 1).empty(); };
+  if (has(craters_)) add_craters(grid, octave, shares, heights_m, {}, stop);
+  if (has(relief_))
     add_relief(grid, octave, relief_.follows_posts(octave) ? product(relief_factor, shares) : shares, heights_m, stop);
-  if (clods_.smallest_octave() <= octave && octave <= clods_.largest_octave())
-    clods_.add(grid, octave, shares, heights_m, {}, stop);
-  if (fragments_.smallest_octave() <= octave && octave <= fragments_.largest_octave())
-    fragments_.add(grid, octave, shares, heights_m, {}, stop);
+  if (has(clods_)) clods_.add(grid, octave, shares, heights_m, {}, stop);
+  if (has(fragments_)) fragments_.add(grid, octave, shares, heights_m, {}, stop);
 }
 
 // Adds an octave of relief, multiplied by `weights` (empty: 1 everywhere).

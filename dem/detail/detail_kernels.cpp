@@ -393,20 +393,20 @@ void brighten_around_crater(const CraterOverRow& crater, const RowUnderCrater& r
 CraterOverRow crater_over_row(const Crater& crater, double reach_radii, double steps) {
   const double radius = crater.diameter_m / 2 / kMoonRadius_m, crater_reach = CraterShape::reach(crater.age);
   const EastNorthUp local = local_axes(crater.centre);
-  return {crater.centre.x(),
-          crater.centre.y(),
-          0,
-          reach_radii * radius * reach_radii * radius,
-          steps / radius,
-          reach_radii * steps,
-          crater_reach * steps,
-          1 / ((crater_reach - 1) * steps),
-          local.east.x(),
-          local.east.y(),
-          local.north.x(),
-          local.north.y(),
-          local.north.z(),
-          &crater.outline};
+  return {.x = crater.centre.x(),
+          .y = crater.centre.y(),
+          .along_axis = 0,
+          .reach2 = reach_radii * radius * reach_radii * radius,
+          .steps = steps / radius,
+          .last_step = reach_radii * steps,
+          .reach_steps = crater_reach * steps,
+          .per_faded = 1 / ((crater_reach - 1) * steps),
+          .east_x = local.east.x(),
+          .east_y = local.east.y(),
+          .north_x = local.north.x(),
+          .north_y = local.north.y(),
+          .north_z = local.north.z(),
+          .outline = &crater.outline};
 }
 
 }  // namespace selenograph::dem

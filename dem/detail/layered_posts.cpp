@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dem/base/smoothstep.h"
 #include "dem/detail/footprints.h"
 #include "dem/grid/lattice.h"
 #include "dem/grid/shading_normals.h"
@@ -147,8 +148,7 @@ double LayeredPosts::share(const Layer& layer, double lat_deg, double lon_deg) c
     if (inside(info, at)) return 1;
     nearest_m = std::min(nearest_m, distance_m(info, at, lat_deg));
   }
-  const double t = 1 - nearest_m / layer.band_m;
-  return t * t * (3 - 2 * t);
+  return smoothstep(1 - nearest_m / layer.band_m);
 }
 
 LayeredPosts::RoughnessPosts LayeredPosts::roughness_posts(int detail_level) const {

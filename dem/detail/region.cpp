@@ -6,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "dem/base/smoothstep.h"
+
 namespace selenograph::dem {
 namespace {
 
@@ -98,8 +100,7 @@ double Region::inside_m(const Vec3& direction) const {
 }
 
 double Region::share(const Vec3& direction, double fade_m) const {
-  const double t = std::clamp(inside_m(direction) / fade_m, 0.0, 1.0);
-  return t * t * (3 - 2 * t);
+  return smoothstep(inside_m(direction) / fade_m);
 }
 
 }  // namespace selenograph::dem

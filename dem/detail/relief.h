@@ -58,8 +58,8 @@ class Relief {
   bool follows_posts() const { return follows_posts(longest_); }
   double min_factor() const { return min_factor_; }
 
-  int shortest_octave() const { return shortest_; }
-  int longest_octave() const { return longest_; }
+  int smallest_octave() const { return shortest_; }
+  int largest_octave() const { return longest_; }
   // Adds the heights of one octave, at most max_height_m(octave) in absolute value, to a row of a grid.
   void add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const;
   double max_height_m(int octave) const;

@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "dem/base/smoothstep.h"
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
@@ -267,8 +268,7 @@ std::vector<double> gap_along(const LevelBorder& b, const Axis& along, const Com
 
 // Returns the weight of the gap: 1 on the border, smoothly down to 0 one quad of the coarser side away from it.
 double transition_weight(std::int64_t distance_ticks, Tick reach_ticks) {
-  const double t = std::min(1.0, static_cast<double>(std::abs(distance_ticks)) / reach_ticks);
-  return 1 - t * t * (3 - 2 * t);
+  return 1 - smoothstep(static_cast<double>(std::abs(distance_ticks)) / reach_ticks);
 }
 
 // Returns the same border, `turns` whole turns further around the globe.

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "dem/base/noise.h"
+#include "dem/base/smoothstep.h"
 
 namespace selenograph::dem::sample {
 namespace {
@@ -44,8 +45,7 @@ int SplitMix::poisson(double mean) {
 std::uint64_t mix(std::uint64_t a, std::uint64_t b) { return SplitMix(a * 0xD1342543DE82EF95u + b).next(); }
 
 double smoothstep(double from, double to, double x) {
-  const double t = std::clamp((x - from) / (to - from), 0.0, 1.0);
-  return t * t * (3 - 2 * t);
+  return dem::smoothstep((x - from) / (to - from));
 }
 
 // ---- noise ----------------------------------------------------------------------------------------------------------

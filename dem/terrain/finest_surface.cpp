@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include "dem/grid/surface.h"
 #include "dem/posts/level_borders.h"
@@ -23,8 +22,7 @@ struct RadialRay {
 };
 
 // Returns whether the ray intersects a quad of the finest surface; then sets all of the answer but its place.
-bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges& edges, int r, int c,
-                     HeightAnswer& answer) {
+bool intersects_quad(const RadialRay& ray, const Block& block, FinestEdges& edges, int r, int c, HeightAnswer& answer) {
   for (const bool upper : {false, true}) {
     const QuadVertices q = vertices_of(r, c, upper);
     const auto vertex = [&](int i) { return edges.vertex(q.r[i], q.c[i]); };
@@ -52,7 +50,7 @@ bool intersects_quad_at(const RadialRay& ray, int level, Tick lat, Tick lon, Hei
   if (!block) return false;
   const BlockExtent& e = block->extent;
   const int r = steps_in(lat - e.lat0, e.lat_step), c = steps_in(lon - e.lon0, e.lon_step);
-  const FinestEdges edges(ray.terrain, *block, {r, r, c, c}, ray.stop);
+  FinestEdges edges(ray.terrain, *block, ray.stop);
   const auto [first_r, past_r] = edges.rows(r, c);
   const auto [first_c, past_c] = edges.columns(r, c);
   for (int quad_r = first_r; quad_r < past_r; ++quad_r)
@@ -63,46 +61,56 @@ bool intersects_quad_at(const RadialRay& ray, int level, Tick lat, Tick lon, Hei
 
 }  // namespace
 
-FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads& quads, const StopToken& stop)
-    : block_(block) {
-  const BlockExtent& e = block.extent;
-  std::optional<int> posts_level;  // of the block, found when needed
-  // Finds the neighbour across an edge of the block. `lat`, `lon`: a tick just beyond the edge; `along_lon`: the edge
-  // is a parallel.
-  const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> Edge {
-    if (lat < 0 || lat >= kLatTicks) return {};
-    if (!posts_level) posts_level = terrain.plain().posts_level(block.id);
-    const auto block_beyond = [&](int level) { return block_at(level, lat, wrap_lon(lon)); };
-    const BlockId probe = block_beyond(kMaxLevel);
-    const BlockId across = block_beyond(std::min(terrain.finest_level(probe), block.id.level));
-    const bool coarser_posts = terrain.plain().posts_level(probe) < *posts_level;
-    // Rows of blocks with different spacing in longitude interpolate different curves between their posts. As the mesh
-    // does, take one side's heights on their common edge.
-    const auto lon_shift_of_posts = [&](Tick lat_tick) {
-      return lon_shift(*posts_level, block_at(*posts_level, lat_tick, e.lon0).row);
-    };
-    const bool other_posts = along_lon && lon_shift_of_posts(lat) != lon_shift_of_posts(e.lat0);
-    const bool takes_neighbours_heights = coarser_posts || (other_posts && across < block.id);
-    const BlockExtent across_extent = extent_of(across);
-    const int stride =
-        along_lon ? steps_in(across_extent.lon_step, e.lon_step) : steps_in(across_extent.lat_step, e.lat_step);
-    if (!takes_neighbours_heights && stride <= 1) return {};
-    std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
-    if (!neighbour) return {};
-    return {std::clamp(stride, 1, e.quads), takes_neighbours_heights ? std::move(neighbour) : nullptr};
+const FinestEdges::Edge& FinestEdges::edge(Side side) {
+  std::optional<Edge>& edge = edges_[static_cast<std::size_t>(side)];
+  if (!edge) edge = find_edge(side);
+  return *edge;
+}
+
+FinestEdges::Edge FinestEdges::find_edge(Side side) {
+  const BlockExtent& e = block_.extent;
+  const bool is_parallel = side == Side::south || side == Side::north;
+  // A tick just beyond the edge.
+  const std::int64_t lat = side == Side::south   ? std::int64_t{e.lat0} - 1
+                           : side == Side::north ? e.lat1()
+                                                 : e.lat0,
+                     lon = side == Side::west   ? std::int64_t{e.lon0} - 1
+                           : side == Side::east ? e.lon1()
+                                                : e.lon0;
+  if (lat < 0 || lat >= kLatTicks) return {};
+  if (!posts_level_) posts_level_ = terrain_.plain().posts_level(block_.id);
+  const auto block_beyond = [&](int level) { return block_at(level, lat, wrap_lon(lon)); };
+  const BlockId probe = block_beyond(kMaxLevel);
+  const BlockId across = block_beyond(std::min(terrain_.finest_level(probe), block_.id.level));
+  const bool coarser_posts = terrain_.plain().posts_level(probe) < *posts_level_;
+  // Rows of blocks with different spacing in longitude interpolate different curves between their posts. As the mesh
+  // does, take one side's heights on their common edge.
+  const auto lon_shift_of_posts = [&](Tick lat_tick) {
+    return lon_shift(*posts_level_, block_at(*posts_level_, lat_tick, e.lon0).row);
   };
-  if (quads.first_row == 0) south_ = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
-  if (quads.last_row == e.quads - 1) north_ = edge(e.lat1(), e.lon0, true);
-  if (quads.first_column == 0) west_ = edge(e.lat0, std::int64_t{e.lon0} - 1, false);
-  if (quads.last_column == e.quads - 1) east_ = edge(e.lat0, e.lon1(), false);
+  const bool other_posts = is_parallel && lon_shift_of_posts(lat) != lon_shift_of_posts(e.lat0);
+  const bool takes_neighbours_heights = coarser_posts || (other_posts && across < block_.id);
+  const BlockExtent across_extent = extent_of(across);
+  const int stride =
+      is_parallel ? steps_in(across_extent.lon_step, e.lon_step) : steps_in(across_extent.lat_step, e.lat_step);
+  if (!takes_neighbours_heights && stride <= 1) return {};
+  std::shared_ptr<const Block> neighbour = terrain_.block(across, stop_);
+  if (!neighbour) return {};
+  return {std::clamp(stride, 1, e.quads), takes_neighbours_heights ? std::move(neighbour) : nullptr};
+}
+
+bool FinestEdges::differ() {
+  for (const Side side : {Side::south, Side::north, Side::west, Side::east})
+    if (edge(side).differs()) return true;
+  return false;
 }
 
 // A vertex on an edge that the coarser side lacks moves to the vertex before it that both have.
-Vec3 FinestEdges::vertex(int r, int c) const {
+Vec3 FinestEdges::vertex(int r, int c) {
   const int quads = block_.extent.quads;
   const Edge none;
-  const Edge& along_row = r == 0 ? south_ : r == quads ? north_ : none;
-  const Edge& along_column = c == 0 ? west_ : c == quads ? east_ : none;
+  const Edge& along_row = r == 0 ? edge(Side::south) : r == quads ? edge(Side::north) : none;
+  const Edge& along_column = c == 0 ? edge(Side::west) : c == quads ? edge(Side::east) : none;
   const int common_r = r - r % along_column.stride, common_c = c - c % along_row.stride;
   float height_m = block_.vertices[block_.index(common_r, common_c)].height_m;
   for (const Edge* edge : {&along_row, &along_column})
@@ -114,11 +122,13 @@ Vec3 FinestEdges::vertex(int r, int c) const {
   return block_.position(common_r, common_c, static_cast<double>(height_m));
 }
 
-std::pair<int, int> FinestEdges::rows(int r, int c) const {
-  return group(r, c == 0 ? west_.stride : c == block_.extent.quads - 1 ? east_.stride : 1);
+std::pair<int, int> FinestEdges::rows(int r, int c) {
+  const int last = block_.extent.quads - 1;
+  return group(r, c == 0 ? edge(Side::west).stride : c == last ? edge(Side::east).stride : 1);
 }
-std::pair<int, int> FinestEdges::columns(int r, int c) const {
-  return group(c, r == 0 ? south_.stride : r == block_.extent.quads - 1 ? north_.stride : 1);
+std::pair<int, int> FinestEdges::columns(int r, int c) {
+  const int last = block_.extent.quads - 1;
+  return group(c, r == 0 ? edge(Side::south).stride : r == last ? edge(Side::north).stride : 1);
 }
 
 // Intersects the radial ray at the position with the triangles of the finest surface around it.

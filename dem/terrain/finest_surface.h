@@ -2,7 +2,9 @@
 // height at a position (Terrain::height).
 #pragma once
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "dem/terrain/terrain.h"
@@ -18,33 +20,38 @@ namespace selenograph::dem {
 //
 // A vertex has the neighbour's height if the neighbour's posts are coarser. It also has it if the posts are as dense
 // along the meridian, differ in their spacing in longitude, and the neighbour's id is smaller (it lies south).
+//
+// An edge's neighbour is found when a vertex on it is first asked for: finding it may make a block. Not thread-safe.
 class FinestEdges {
  public:
-  // Range of the block's quads whose vertices will be used, last ones included.
-  struct Quads {
-    int first_row, last_row, first_column, last_column;
-  };
-  FinestEdges(const Terrain& terrain, const Block& block, const Quads& quads, const StopToken& stop);
+  FinestEdges(const Terrain& terrain, const Block& block, const StopToken& stop)
+      : terrain_(terrain), block_(block), stop_(stop) {}
 
   // Returns a vertex in MOON_ME, metres; NaN where there is no data.
-  Vec3 vertex(int r, int c) const;
+  Vec3 vertex(int r, int c);
   // Returns whether any vertex may differ from the block's own.
-  bool differ() const { return south_.differs() || north_.differs() || west_.differs() || east_.differs(); }
+  bool differ();
 
   // Return the rows and the columns (first, past the last) of the quads whose triangles may contain a position in a
   // quad: beside an edge, all quads between two remaining vertices.
-  std::pair<int, int> rows(int r, int c) const;
-  std::pair<int, int> columns(int r, int c) const;
+  std::pair<int, int> rows(int r, int c);
+  std::pair<int, int> columns(int r, int c);
 
  private:
+  enum class Side { south, north, west, east };
   struct Edge {
     int stride = 1;                       // steps between remaining vertices
     std::shared_ptr<const Block> source;  // the neighbour that defines the heights; null: the block itself
     bool differs() const { return stride > 1 || source; }
   };
+  const Edge& edge(Side side);
+  Edge find_edge(Side side);
 
+  const Terrain& terrain_;
   const Block& block_;
-  Edge south_, north_, west_, east_;
+  const StopToken& stop_;
+  std::optional<int> posts_level_;  // of the block
+  std::array<std::optional<Edge>, 4> edges_;
 };
 
 }  // namespace selenograph::dem

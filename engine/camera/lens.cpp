@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "engine/support/turn.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -50,7 +52,7 @@ std::optional<Lens::Planes> Lens::planes_of(const Distortion& d) {
 // The rows of the image matrix are those of (H, V, A), in focal lengths from the principal point.
 std::optional<Lens::Planes> Lens::planes_of(const Cahvor& c) {
   Planes planes;
-  planes.lens_from_camera = Eigen::Quaterniond::FromTwoVectors(c.o, Vec3::UnitZ()).toRotationMatrix();
+  planes.lens_from_camera = shortest_turn(c.o, Vec3::UnitZ()).toRotationMatrix();
   Eigen::Matrix3d image_from_camera;
   image_from_camera.row(0) = (c.h - c.cx() * c.a) / c.fx();
   image_from_camera.row(1) = (c.v - c.cy() * c.a) / c.fy();

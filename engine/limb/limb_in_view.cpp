@@ -20,6 +20,7 @@
 #include "engine/rays/ray_queries.h"
 #include "engine/scene/bounded_nodes.h"
 #include "engine/scene/selection.h"
+#include "engine/support/turn.h"
 
 namespace selenograph::engine {
 namespace {
@@ -40,7 +41,7 @@ constexpr double kHighest_m = kMoonRadius_m + double{dem::kHighestRelief_m};
 struct Viewpoint {
   explicit Viewpoint(const View& view)
       : from_m(view.position()), distance_m(from_m.norm()), center(-from_m / distance_m) {
-    const auto turn = Eigen::Quaterniond::FromTwoVectors(view.moon_from_camera().col(2), center);
+    const auto turn = shortest_turn(view.moon_from_camera().col(2), center);
     right = turn * view.moon_from_camera().col(0);
     down = turn * view.moon_from_camera().col(1);
   }
@@ -192,7 +193,7 @@ class LimbSearch {
     const auto block = terrain_.block(id, stop_);
     if (!block) return;
     const int quads = block->extent.quads, last = quads - 1;
-    const dem::FinestEdges edges(terrain_, *block, {0, last, 0, last}, stop_);
+    dem::FinestEdges edges(terrain_, *block, stop_);
     // Skip quads on one side of the plane. The plane contains the Moon's centre, so a vertex's side does not depend on
     // its height, except for rounding: allow twice as much here as for the triangles.
     std::vector<unsigned> sides(block->vertices.size());
@@ -210,7 +211,7 @@ class LimbSearch {
   }
 
   // Intersects the edges of a triangle with the half plane and keeps the largest angle.
-  void cut(const dem::FinestEdges& edges, const dem::QuadVertices& q) {
+  void cut(dem::FinestEdges& edges, const dem::QuadVertices& q) {
     Vec3 v[3];
     double across_m[3];
     for (int i = 0; i < 3; ++i) {

@@ -94,7 +94,7 @@ TEST(FineRelief, HasTheSlopesOfItsLaw) {
                        .fine = {.below_m = 0.25, .hurst = 0.52, .slope = 0.042}});
   const Relief without(
       {.seed = 1, .hurst = 0.99, .deviation_m = 0.37, .baseline_m = 10, .longest_m = 64, .shortest_m = 0.25});
-  EXPECT_EQ(relief.shortest_octave(), -8);
+  EXPECT_EQ(relief.smallest_octave(), -8);
   EXPECT_EQ(relief.max_height_m(-2), without.max_height_m(-2));  // longer wavelengths stay as they are
   for (const int octave : {-8, -5, -3}) {
     const double wavelength_m = std::ldexp(1.0, octave), spacing_m = wavelength_m / 64;

@@ -276,7 +276,7 @@ TEST(Relief, DeviatesAsTheLawSays) {
         const auto height = [&](double at) {
           const Vec3 direction = to_cartesian({at, lon, 0}).normalized();
           double h = 0;
-          for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += height_m(relief, k, direction);
+          for (int k = relief.smallest_octave(); k <= relief.largest_octave(); ++k) h += height_m(relief, k, direction);
           return h;
         };
         sum += std::pow(height(lat + distance_m / kMetresPerDegree) - height(lat), 2);
@@ -299,7 +299,7 @@ TEST(Relief, SecondDifferencesAreTheLaws) {
       const auto height = [&](double at) {
         const Vec3 direction = to_cartesian({at, lon, 0}).normalized();
         double h = 0;
-        for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += height_m(relief, k, direction);
+        for (int k = relief.smallest_octave(); k <= relief.largest_octave(); ++k) h += height_m(relief, k, direction);
         return h;
       };
       sum += std::pow(height(lat - apart_deg) - 2 * height(lat) + height(lat + apart_deg), 2);

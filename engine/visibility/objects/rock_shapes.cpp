@@ -11,6 +11,7 @@
 
 #include "dem/base/parallel.h"
 #include "dem/detail/size_cells.h"
+#include "engine/support/turn.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {
@@ -424,7 +425,7 @@ const std::vector<Eigen::Affine3d>& attitudes() {
       for (std::size_t i = shape * kAttitudes; i < (shape + 1) * kAttitudes; ++i) {
         dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
         const Vec3 up = random_direction(draws);
-        out[i] = lying_attitude(points, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix());
+        out[i] = lying_attitude(points, shortest_turn(up, Vec3::UnitZ()).toRotationMatrix());
       }
     });
     return out;
@@ -454,7 +455,7 @@ struct RockAppearance {
 
 // Returns the rotation from ground axes (z up), rotated by `turn` about the vertical, to MOON_ME.
 Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
-  return Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
+  return shortest_turn(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
 }
 
 }  // namespace

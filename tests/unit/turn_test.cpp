@@ -1,0 +1,31 @@
+// The shortest turn from one direction to another: engine/support/turn.h.
+#include "engine/support/turn.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace selenograph::engine {
+namespace {
+
+TEST(ShortestTurn, IsEigensToTheBit) {
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> any;
+  for (int i = 0; i < 10000; ++i) {
+    const Vec3 from(any(random), any(random), any(random)), to(any(random), any(random), any(random));
+    EXPECT_EQ(shortest_turn(from, to).coeffs(), Eigen::Quaterniond::FromTwoVectors(from, to).coeffs());
+  }
+}
+
+TEST(ShortestTurn, TurnsOppositeDirectionsByHalfACircle) {
+  for (const Vec3& from : {Vec3(1, 0, 0), Vec3(0, -2, 0), Vec3(0, 0, 1), Vec3(1, 2, 3)})
+    for (const double off : {0.0, 1e-15, 1e-13, 1e-7, 1e-5}) {
+      const Vec3 to = -from + off * from.unitOrthogonal();
+      const Eigen::Quaterniond turn = shortest_turn(from, to);
+      EXPECT_NEAR(turn.norm(), 1, 1e-9);
+      EXPECT_LT((turn * from.normalized() - to.normalized()).norm(), 3e-6) << from.transpose() << ' ' << off;
+    }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
