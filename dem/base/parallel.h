@@ -1,7 +1,6 @@
-// Loops over all cores of the caller's task arena (in_arena), or on their own threads (on_own_threads).
+// Loops over all cores of the caller's task arena (in_arena).
 //
 //   caller --in_arena(arena)--> body --in_parallel--> [ slot | slot | slot ]  TBB workers and callers that execute()
-//   caller --on_own_threads(n)-> body --in_parallel--> n std::threads: may sleep for a network without holding a slot
 //
 // Loops are isolated: a thread that waits for the end of a loop does not start unrelated work meanwhile. Such work
 // could be another client's frame, or could wait for the data that this very thread is loading: a deadlock.
@@ -30,46 +29,15 @@
 namespace selenograph {
 
 #ifdef __SANITIZE_THREAD__
-inline constexpr std::size_t kNestedThreads = 4;  // threads of a nested loop
-inline thread_local std::size_t threads_of_loops = 4;
-#else
-inline constexpr std::size_t kNestedThreads = 1;
-// Number of own threads of the calling thread's loops; 0: its loops run in an arena.
-inline thread_local std::size_t threads_of_loops = 0;
-#endif
-
-// Sets threads_of_loops during its lifetime.
-class ThreadsOfLoops {
- public:
-  explicit ThreadsOfLoops(std::size_t threads) : before_(std::exchange(threads_of_loops, threads)) {}
-  ~ThreadsOfLoops() { threads_of_loops = before_; }
-  ThreadsOfLoops(const ThreadsOfLoops&) = delete;
-  ThreadsOfLoops& operator=(const ThreadsOfLoops&) = delete;
-
- private:
-  std::size_t before_;
-};
-
-// Maximum number of concurrent reads from a network.
-inline constexpr std::size_t kConnections = 16;
-
-// Calls body() with its loops on their own threads: for work that waits for a network. Such work occupies neither a
-// slot nor a thread of an arena, which other loops need. Nested loops have one thread.
+// Calls body(first, past_last) for pieces of `grain` indices up to `count`, on the calling thread and three others.
+// Rethrows an exception of a body after all threads have ended; the remaining pieces are then skipped.
 template <typename Body>
-auto on_own_threads(std::size_t threads, const Body& body) {
-  const ThreadsOfLoops own(threads_of_loops > 0 ? threads_of_loops : threads);
-  return body();
-}
-
-// Calls body(first, past_last) for pieces of `grain` indices up to `count`, on the calling thread and threads - 1
-// others. Rethrows an exception of a body after all threads have ended; the remaining pieces are then skipped.
-template <typename Body>
-void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain, const Body& body) {
+void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
+  constexpr std::size_t kThreads = 4;
   std::atomic<std::size_t> next{0};
   std::mutex mutex;
   std::exception_ptr thrown;
   const auto work = [&] {
-    const ThreadsOfLoops nested(kNestedThreads);
     try {
       // Take the next piece with relaxed order: the pieces of a loop are independent of each other.
       for (std::size_t first; (first = next.fetch_add(grain, std::memory_order_relaxed)) < count;)
@@ -81,21 +49,15 @@ void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain
     }
   };
   std::vector<std::thread> helpers;
-  helpers.reserve(threads);
+  helpers.reserve(kThreads);
   try {
-    for (std::size_t i = 1; i < std::min(threads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
+    for (std::size_t i = 1; i < std::min(kThreads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
   } catch (const std::exception&) {
     // The system has no more threads or memory: the threads started so far do all the work.
   }
   work();
   for (std::thread& helper : helpers) helper.join();
   if (thrown) std::rethrow_exception(thrown);
-}
-
-#ifdef __SANITIZE_THREAD__
-template <typename Body>
-void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  pieces_on_threads(threads_of_loops, count, grain, body);
 }
 
 template <typename Body>
@@ -136,7 +98,6 @@ auto in_arena(tbb::task_arena& arena, const Body& body) {
 // have loops of their own, and for work that must own a slot before it starts.
 template <typename Body>
 void where_loops_run(const Body& body) {
-  if (threads_of_loops > 0) return body();
   const ArenaOfLoops current(nullptr);
   const auto isolated = [&] { tbb::this_task_arena::isolate(body); };
   if (current.before())
@@ -150,7 +111,6 @@ void where_loops_run(const Body& body) {
 // nested loop in a body that has thrown, and return as if they were done.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  if (threads_of_loops > 0) return pieces_on_threads(threads_of_loops, count, grain, body);
   where_loops_run([&] {
     tbb::task_group_context context(tbb::task_group_context::isolated);
     tbb::parallel_for(

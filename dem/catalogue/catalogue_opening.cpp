@@ -26,7 +26,6 @@
 #include "dem/files/labels.h"
 #include "dem/files/quantity.h"
 #include "dem/gdal/raster.h"
-#include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 
 namespace selenograph::dem {
@@ -51,7 +50,6 @@ struct Finding {
   std::optional<SideLayer> side_layer;
   std::string data;           // file that holds the samples, if its name is not the label's
   bool unlabelled = false;    // an image whose label is missing, unless another's label names it
-  std::string trouble;        // message for the log
   std::exception_ptr thrown;  // rethrown by collect()
 };
 
@@ -201,22 +199,13 @@ class Opening {
   // Inspects all candidates in parallel. Keeps each exception for collect(), which rethrows the first in order of
   // candidates: the error does not depend on thread timing.
   void inspect_all() {
-    const auto inspect_candidate = [&](std::size_t i) {
-      try {
-        findings_[i] = candidates_[i].folder ? inspect(candidates_[i]) : inspect_remote(candidates_[i]);
-      } catch (...) {
-        findings_[i].thrown = std::current_exception();
-      }
-    };
-    std::vector<std::size_t> remote;
-    for (std::size_t i = 0; i < candidates_.size(); ++i)
-      if (!candidates_[i].folder) remote.push_back(i);
     in_parallel_pieces(candidates_.size(), 64, [&](std::size_t first, std::size_t past_last) {
-      for (std::size_t i = first; i < past_last; ++i)
-        if (candidates_[i].folder) inspect_candidate(i);
+      for (std::size_t i = first; i < past_last; ++i) try {
+          findings_[i] = inspect(candidates_[i]);
+        } catch (...) {
+          findings_[i].thrown = std::current_exception();
+        }
     });
-    on_own_threads(kConnections,
-                   [&] { in_parallel(remote.size(), [&](std::size_t k) { inspect_candidate(remote[k]); }); });
   }
 
   // Returns the saved result for a file if the file, and all others that it was read from, are unchanged; else null.
@@ -230,7 +219,8 @@ class Opening {
     return same ? saved : nullptr;
   }
 
-  // Inspects a local file, unless its saved result is valid. Throws for an unusable file only if the user named it.
+  // Inspects a file, unless its saved result is valid; a remote file has none. Throws for an unusable file only if the
+  // user named it.
   Finding inspect(const Candidate& file) {
     Finding out;
     std::optional<FileStamp> stamp;
@@ -312,35 +302,11 @@ class Opening {
     }
   }
 
-  // Inspects a remote file. If its server cannot be reached, uses the saved result without checking it.
-  Finding inspect_remote(const Candidate& file) {
-    Finding out;
-    FileState state;
-    try {
-      state = remote_state(file.path);
-    } catch (const SystemFault& fault) {
-      out.saved = saved_.find(file.path);
-      if (!out.saved) throw;
-      out.trouble = fault.what() + std::string("; taken for what it was");
-      return out;
-    }
-    const std::uint64_t stamp = stamp_of(state);
-    out.saved = find_valid(file.path, stamp);
-    if (out.saved) return out;
-    out.raster = inspect_raster(file.path);
-    // Save only a result whose file can be checked next time: by a settled modification time (servers tell whole
-    // seconds), or by an ETag.
-    if (state.modified_ns != 0 ? state.modified_ns <= unsettled_ns_ : state.identity != 0)
-      out.to_save = SavedFile{file.path, stamp, {}, out.raster};
-    return out;
-  }
-
   // Adds the findings of one path, in order; rethrows the first exception.
   void collect(const NamedPath& path, FoundFiles& found) {
     found.problems.insert(found.problems.end(), path.problems.begin(), path.problems.end());
     for (std::size_t i = path.first; i < path.past_last; ++i) {
       if (findings_[i].thrown) std::rethrow_exception(findings_[i].thrown);
-      if (!findings_[i].trouble.empty() && options_.log) options_.log(findings_[i].trouble);
       if (findings_[i].unlabelled && !is_named_by_a_label(candidates_[i]))
         found.problems.push_back(
             {candidates_[i].path, "its label is missing: what it holds, and where, is unknown", false, true});

@@ -30,8 +30,8 @@ struct CatalogueOptions {
   // Cache folder. Results are saved in its folder "catalogue/", so that unchanged files need not be read at the next
   // opening; empty: nothing is saved, and every file is read.
   std::string cache_dir{};
-  // Receives messages for the operator, each once: the reason why a saved catalogue could not be used or written, and
-  // remote files that could not be reached. May be empty.
+  // Receives messages for the operator, each once: the reason why a saved catalogue could not be used or written. May
+  // be empty.
   std::function<void(const std::string&)> log{};
   // Shortest age of a change that is trusted. A file that changed more recently is read again at the next opening: a
   // second change within one clock step of the file system alters neither size nor time.
@@ -45,8 +45,8 @@ struct FoundFiles {
   std::size_t inspected = 0;  // number of files that had to be read
 };
 
-// Finds and inspects the files of `paths`: see Catalogue's constructor. Works on all cores, and on more threads for
-// remote files. Saves the results for the next opening.
+// Finds and inspects the files of `paths`: see Catalogue's constructor. Works on all cores. Saves the results for the
+// next opening.
 FoundFiles find_files(const std::vector<std::string>& paths, const CatalogueOptions& options);
 
 }  // namespace selenograph::dem

@@ -18,7 +18,7 @@ namespace selenograph::dem {
 // Result of inspecting one file, with everything that it depends on. It is valid as long as the stamps are the same.
 struct SavedFile {
   std::string path;
-  std::uint64_t stamp = 0;  // stamp of the file's group (folder_files.h); for a remote file, its own
+  std::uint64_t stamp = 0;                                    // stamp of the file's group (folder_files.h)
   std::vector<std::pair<std::string, std::uint64_t>> others;  // other files that it was read from, and their stamps
   std::optional<RasterInfo> raster;                           // empty: the file does not contain heights
 };

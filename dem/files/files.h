@@ -17,7 +17,7 @@ struct FileState {
   // Time of the last change of content, name, owner or mode. Unlike modified_ns it cannot be set. 0: the file is on a
   // network.
   std::int64_t changed_ns = 0;
-  std::uint64_t identity = 0;  // inode; for a file on a network the hash of its ETag, 0 if it has none
+  std::uint64_t identity = 0;  // inode; 0: the file is on a network
   bool operator==(const FileState&) const = default;
 };
 // Returns the hash of all members, the key under which everything derived from a file is cached. A file that was

@@ -2,13 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdint>
-#include <exception>
 #include <utility>
 
 #include "dem/base/error.h"
-#include "dem/base/parallel.h"
-#include "dem/gdal/gate.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/gdal/vrt_sources.h"
 
@@ -59,42 +57,6 @@ std::vector<BandValues> bands_of(GDALDataset& source) {
   return bands;
 }
 
-// Returns the bands of a VRT's source on a network; none if its server has no such file.
-std::vector<BandValues> bands_on_server(const std::string& file, const std::string& vrt) {
-  const OpenOptions options(true);
-  const QuietGdal quiet;
-  const DatasetPtr source = try_to_open(file, kRemoteSourceDrivers);
-  if (!source) {
-    if (remote_trouble() && remote_trouble()->gone) return {};
-    quiet.fail(vrt, "its source " + file + " cannot be opened");
-  }
-  check_blocks(*source, CheckScope::again, vrt, owner_of(file));
-  return bands_of(*source);
-}
-
-// Opens all sources of a VRT on a network, several at a time. Throws the DataError of the first of them in order, or
-// any SystemFault, which ends the loop.
-void open_remote_sources(const std::set<std::string>& names, const std::string& vrt, OpenDataset& open) {
-  const std::vector<std::string> files(names.begin(), names.end());
-  std::vector<std::vector<BandValues>> bands(files.size());
-  std::vector<std::exception_ptr> thrown(files.size());
-  const auto open_source = [&](std::size_t i) {
-    try {
-      bands[i] = bands_on_server(files[i], vrt);
-    } catch (const DataError&) {
-      thrown[i] = std::current_exception();
-    }
-  };
-  on_own_threads(kConnections, [&] { in_parallel(files.size(), open_source); });
-  for (std::size_t i = 0; i < files.size(); ++i) {
-    if (thrown[i]) std::rethrow_exception(thrown[i]);
-    if (bands[i].empty())
-      open.missing.insert(files[i]);
-    else
-      open.sources[files[i]] = std::move(bands[i]);
-  }
-}
-
 }  // namespace
 
 std::string BandValues::unit_name() const { return unit.empty() ? fmt::format("{:.9g} m", *vertical_m) : unit; }
@@ -110,28 +72,29 @@ BandValues values_of(GDALDataset& dataset, int band) {
 OpenDataset open_dataset(const std::string& path, const char* const* drivers, CheckScope scope) {
   register_gdal();
   OpenDataset open;
-  open.remote = is_remote(path);
   // GDAL would parse such a name as the VRT's XML.
   if (path.find("<VRTDataset") != std::string::npos) throw DataError(path, "is not a file name");
+  if (is_remote(path) && !is_allowed(path))
+    throw DataError(path, "is not a file on this machine, and not allowed by --remote-prefix");
   VrtSources sources;
-  if (!open.remote) sources = vrt_sources(path);
+  if (!is_remote(path)) sources = vrt_sources(path);
+  open.remote = is_remote(path) || std::any_of(sources.files.begin(), sources.files.end(), is_remote);
   const OpenOptions options(open.remote);
   const QuietGdal quiet;
   open.dataset = try_to_open(path, drivers);
-  if (!open.dataset) quiet.fail(path, "cannot be opened");
-  // Check a file on a network less: reading its overviews and masks now would take requests.
-  open.remote |= !sources.remote.empty();
-  check_blocks(*open.dataset, open.remote ? CheckScope::again : scope, path, "its ");
+  if (!open.dataset) quiet.fail(path, "cannot be opened", open.remote);
+  check_blocks(*open.dataset, scope, path, "its ");
   open.rescales = sources.rescales;
   open.missing = std::move(sources.missing);
   if (scope == CheckScope::again) return open;
-  for (const std::string& file : sources.files)
-    // Skip a source that cannot be opened: reading it later reports the error. GDAL reads it with any driver.
-    if (const DatasetPtr source = try_to_open(file, kMapDrivers)) {
-      check_blocks(*source, scope, path, owner_of(file));
-      open.sources[file] = bands_of(*source);
-    }
-  open_remote_sources(sources.remote, path, open);
+  for (const std::string& file : sources.files) {
+    const DatasetPtr source = try_to_open(file, is_remote(file) ? kRemoteDrivers : kMapDrivers);
+    if (!source && is_remote(file)) quiet.fail(file, "cannot be opened");
+    // Skip a local source that cannot be opened: reading it later reports the error.
+    if (!source) continue;
+    check_blocks(*source, scope, path, owner_of(file));
+    open.sources[file] = bands_of(*source);
+  }
   return open;
 }
 

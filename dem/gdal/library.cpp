@@ -8,7 +8,7 @@
 #include "dem/base/error.h"
 #include "dem/base/library_messages.h"
 #include "dem/files/files.h"
-#include "dem/gdal/gate.h"
+#include "dem/gdal/remote_names.h"
 
 namespace selenograph::dem {
 namespace {
@@ -29,6 +29,23 @@ void register_drivers() {
   }
 }
 
+// Sets an option unless the environment has set it.
+void set_default(const char* option, const char* value) {
+  if (!CPLGetConfigOption(option, nullptr)) CPLSetConfigOption(option, value);
+}
+
+// Sets time limits and retries of reads over a network. GDAL's defaults wait for ever and never retry.
+void set_network_limits() {
+  set_default("GDAL_HTTP_CONNECTTIMEOUT", "10");
+  set_default("GDAL_HTTP_TIMEOUT", "60");
+  set_default("GDAL_HTTP_LOW_SPEED_TIME", "10");  // below LOW_SPEED_LIMIT bytes/s
+  set_default("GDAL_HTTP_LOW_SPEED_LIMIT", "100");
+  set_default("GDAL_HTTP_MAX_RETRY", "3");
+  set_default("GDAL_HTTP_RETRY_DELAY", "0.25");
+  // Disable curl's cache: otherwise failed answers and an older file's bytes outlive the handle that received them.
+  CPLSetConfigOption("CPL_VSIL_CURL_NON_CACHED", "/vsi");
+}
+
 // Logs messages of threads without a QuietGdal. GDAL's TIFF driver sends libtiff's messages here, too, even those about
 // files that GDAL did not open. Debugging messages appear only when CPL_DEBUG asks for them.
 void CPL_STDCALL log_message(CPLErr severity, CPLErrorNum, const char* text) {
@@ -42,8 +59,7 @@ void register_gdal() {
   std::call_once(once, [] {
     CPLSetErrorHandler(log_message);
     register_drivers();
-    shut_file_systems();
-    guard_local_files();
+    set_network_limits();
     OSRSetPROJEnableNetwork(FALSE);
   });
 }
@@ -51,14 +67,14 @@ void register_gdal() {
 QuietGdal::QuietGdal() {
   CPLPushErrorHandler(CPLQuietErrorHandler);
   CPLErrorReset();
-  forget_remote_trouble();
   errno = 0;
 }
 
-void QuietGdal::fail(const std::string& file, const std::string& what) const {
+void QuietGdal::fail(const std::string& file, const std::string& what, bool on_network) const {
   const int code = errno;
-  throw_remote_trouble();  // names the file on the network, which may be a source of `file`
   const std::string text = CPLGetLastErrorMsg();
+  if (on_network || is_remote(file))
+    throw SystemFault(file, EREMOTEIO, what + ": " + (text.empty() ? "its server gives no answer" : text));
   if (is_system_fault(code)) throw SystemFault(file, code);
   // Read a byte in case GDAL has lost the error: without descriptors or memory this throws SystemFault.
   std::error_code ignored;

@@ -14,9 +14,8 @@ namespace selenograph::dem {
 // sources are restricted to these, too. None of them accesses a network.
 inline constexpr const char* kMapDrivers[] = {"GTiff", "VRT", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
-// Drivers of remote DEMs, and of remote sources of a VRT: a remote VRT could name local files.
+// Driver of remote DEMs, and of remote sources of a VRT: a remote VRT could name local files.
 inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
-inline constexpr const char* kRemoteSourceDrivers[] = {"GTiff", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 
 // Size of GDAL's cache of decoded blocks, for all files together.
 inline constexpr std::uint64_t kBlockCache_bytes = std::uint64_t{64} << 20;
@@ -33,8 +32,8 @@ class QuietGdal {
   QuietGdal& operator=(const QuietGdal&) = delete;
 
   // Throws GDAL's error message as "`file`: `what`: ...": DataError, or SystemFault when the system or a connection is
-  // at fault.
-  [[noreturn]] void fail(const std::string& file, const std::string& what) const;
+  // at fault: always if a file is remote, or `on_network`, which is a VRT with remote sources.
+  [[noreturn]] void fail(const std::string& file, const std::string& what, bool on_network = false) const;
 };
 
 struct DatasetCloser {

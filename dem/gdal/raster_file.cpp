@@ -19,7 +19,6 @@
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/gdal/height_evidence.h"
-#include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 
 namespace selenograph::dem {
@@ -38,6 +37,16 @@ constexpr const char* kRadiusDatum = "planetary radius, converted";
 FileState must_exist(const std::string& path, const std::string& named) {
   if (const auto state = file_state(path)) return *state;
   throw DataError(named, path == named ? "is missing or not a file" : "its file " + path + " is missing");
+}
+
+// Returns the length and the time of a remote file as its server reports them.
+FileState remote_state(const std::string& path) {
+  const OpenOptions options(true);
+  const QuietGdal quiet;
+  VSIStatBufL found{};
+  constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;
+  if (VSIStatExL(path.c_str(), &found, kAll) != 0) quiet.fail(path, "cannot be read from its server");
+  return {static_cast<std::uint64_t>(found.st_size), static_cast<std::int64_t>(found.st_mtime) * 1'000'000'000};
 }
 
 bool is_integer(GDALDataType type) { return GDALDataTypeIsInteger(type) != 0; }
@@ -318,7 +327,7 @@ void check_sparse_values(RasterFile& raster) {
 
 // Describes a file that GDAL opens: a GeoTIFF, a VRT, or a remote file.
 RasterFile describe_gdal(const std::string& path, const RasterReading& reading) {
-  const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
+  const FileState state = is_remote(path) ? FileState{} : must_exist(path, path);
   RasterFile s;
   // Open with these drivers only: other drivers' georeferencing of lunar products has not been examined.
   OpenDataset open = open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers,
@@ -336,9 +345,9 @@ RasterFile describe_gdal(const std::string& path, const RasterReading& reading) 
   s.info.width = s.file_width = s.dataset->GetRasterXSize();
   s.info.height = s.file_height = s.dataset->GetRasterYSize();
   if (is_remote(path)) {
-    s.info.bytes = state.bytes;
-    s.info.modified_ns = state.modified_ns;
-    s.on_server = state;
+    s.on_server = remote_state(path);
+    s.info.bytes = s.on_server->bytes;
+    s.info.modified_ns = s.on_server->modified_ns;
   } else {
     note_files(s, state);
   }
@@ -360,7 +369,7 @@ RasterFile describe_gdal(const std::string& path, const RasterReading& reading) 
   resolve_values(s, georeference.sphere_m, reading);
   set_post_grid(s.info, georeference.grid);
   const bool is_declared = values.declares_unit() || quantity == kHeights;
-  if (judged && !is_declared && !open.remote && s.info.damage.empty() && s.info.gap.empty()) check_sparse_values(s);
+  if (judged && !is_declared && s.info.damage.empty() && s.info.gap.empty()) check_sparse_values(s);
   return s;
 }
 
@@ -488,11 +497,12 @@ void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
   // Add the known gap: GDAL reports only once why a VRT's source cannot be opened.
   if (error != CE_None)
-    quiet.fail(s.info.path, "cannot be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"));
+    quiet.fail(s.info.path, "cannot be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"),
+               s.info.on_network);
   if (!s.mask) return;
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
   if (s.mask->RasterIO(GF_Read, x, y, w, h, mask.data(), w, h, GDT_Byte, 0, 0, nullptr) != CE_None)
-    quiet.fail(s.info.path, "its mask cannot be read");
+    quiet.fail(s.info.path, "its mask cannot be read", s.info.on_network);
   for (std::size_t i = 0; i < mask.size(); ++i)
     if (mask[i] == 0) out[i] = std::numeric_limits<double>::quiet_NaN();
 }

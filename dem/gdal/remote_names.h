@@ -1,4 +1,4 @@
-// Names in GDAL's network file systems (/vsicurl/, /vsis3/ and the like), and access control by prefix.
+// Names in GDAL's network file systems (/vsicurl/, /vsis3/ and the like), and the prefixes that may be read.
 #pragma once
 
 #include <string>
@@ -15,9 +15,5 @@ void allow_remote_files(const std::vector<std::string>& prefixes);
 bool is_remote(const std::string& path);
 // Returns true if a name has an allowed prefix and does not leave it by "..".
 bool is_allowed(std::string_view name);
-
-// Returns the name of the file to which a server redirects. `location`: the header of its answer to a request of
-// `name`.
-std::string redirected_name(const std::string& name, const std::string& location);
 
 }  // namespace selenograph::dem

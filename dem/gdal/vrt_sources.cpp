@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 // Limit of sources: GDAL searches all sources at each read, and reopens them.
 constexpr int kMaxSources = 10000;
 constexpr std::size_t kMaxXml_bytes = std::size_t{64} << 20;  // XML of all nested VRTs together
-constexpr int kMaxDepth = 8;  // VRTs in VRTs: VRTs that name each other would have no end
+constexpr int kMaxVrtDepth = 8;  // VRTs in VRTs: VRTs that name each other would have no end
 constexpr double kWarpMemory_bytes = 256e6;
 
 // Elements that compute a pixel from all sources, or from any number of pixels: their memory and time are unbounded.
@@ -55,8 +55,8 @@ class VrtScan {
       if (depth > 0) result_.files.insert(path);
       return;
     }
-    if (depth >= kMaxDepth)
-      refuse(fmt::format("has VRTs within VRTs more than {} deep, or such as name each other", kMaxDepth));
+    if (depth >= kMaxVrtDepth)
+      refuse(fmt::format("has VRTs within VRTs more than {} deep, or such as name each other", kMaxVrtDepth));
     const std::string text = read_head(path, kMaxXml_bytes + 1);
     bytes_ += text.size();
     if (bytes_ > kMaxXml_bytes)
@@ -97,7 +97,7 @@ class VrtScan {
     if (++sources_ > kMaxSources)
       refuse(fmt::format("has more than {} sources: make several of it, or one GeoTIFF", kMaxSources));
     if (is_allowed(name)) {
-      result_.remote.insert(name);
+      result_.files.insert(name);
       return;
     }
     std::string file = name;

@@ -7,9 +7,8 @@
 namespace selenograph::dem {
 
 struct VrtSources {
-  std::set<std::string> files;    // existing local files that are not VRTs
+  std::set<std::string> files;    // existing local files that are not VRTs, and remote files, all allowed
   std::set<std::string> missing;  // local files that do not exist: gaps that cannot be read
-  std::set<std::string> remote;   // remote files, all allowed
   bool rescales = false;          // an element of a VRT computes other values from samples
 };
 

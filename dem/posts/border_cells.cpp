@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "dem/base/error.h"
-#include "dem/gdal/remote_names.h"
 
 namespace selenograph::dem {
 namespace {
@@ -94,12 +93,11 @@ bool BorderCells::read_or_report(int source, std::int64_t x0, std::int64_t y0, i
   }
 }
 
-// Reads the samples that lie in a file. A post of a file on a network counts as valid without being read: reading every
-// post would take minutes. read_remote() later reads only the border samples.
+// Reads the samples that lie in a file.
 void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceIndex>& unusable) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
   const auto [shift_x, shift_y] = groups_.shift[static_cast<std::size_t>(source)];
-  const bool wraps = info.wraps_longitude, remote = is_remote(info.path);
+  const bool wraps = info.wraps_longitude;
   std::vector<float> heights_m;
   // Test the file's position shifted by a turn around the globe, too: a tile may lie across the date line.
   for (const std::int64_t turn : {-1, 0, 1}) {
@@ -118,14 +116,12 @@ void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceInde
     const std::int64_t rows_at_once = s.stride == 1 ? kRowsRead : 1;
     for (std::int64_t y = y_from; y < y_to; y += rows_at_once) {
       const auto h = static_cast<int>(std::min(rows_at_once, y_to - y));
-      if (!remote &&
-          !read_or_report(source, first_x + x_from * s.stride, first_y + y * s.stride, w, h, heights_m, unusable))
+      if (!read_or_report(source, first_x + x_from * s.stride, first_y + y * s.stride, w, h, heights_m, unusable))
         return;
       for (int r = 0; r < h; ++r)
         for (std::int64_t x = x_from; x < x_to; ++x) {
-          const float height_m = remote ? 0.F
-                                        : heights_m[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
-                                                    static_cast<std::size_t>((x - x_from) * s.stride)];
+          const float height_m = heights_m[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
+                                           static_cast<std::size_t>((x - x_from) * s.stride)];
           if (!is_valid(height_m)) continue;
           const std::size_t sample = s.index(static_cast<int>(y) + r, static_cast<int>(x));
           s.heights_m[sample] = height_m;
@@ -133,18 +129,6 @@ void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceInde
         }
     }
   }
-}
-
-// Reads the heights of border samples of files on a network, post by post, and drops invalid ones.
-void BorderCells::read_remote(std::vector<BorderSample>& found, std::vector<SourceIndex>& unusable) const {
-  std::vector<float> height_m;
-  std::erase_if(found, [&](BorderSample& post) {
-    if (!is_remote(catalogue_.rasters()[static_cast<std::size_t>(post.source)].path)) return false;
-    const auto [x, y] = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
-    if (!read_or_report(post.source, x, y, 1, 1, height_m, unusable)) return true;
-    post.height_m = height_m[0];
-    return !is_valid(post.height_m);
-  });
 }
 
 // Returns the border samples of a tile, each with the coarser layers' height below it. Samples without coarser data are
@@ -159,7 +143,6 @@ std::vector<BorderCells::BorderSample> BorderCells::border_samples(const Key& ke
   for (int r = 1; r + 1 < s.side; ++r)  // without the margin
     for (int c = 1; c + 1 < s.side; ++c)
       if (s.is_border(r, c)) found.push_back({s.sources[s.index(r, c)], s.x(c), s.y(r), s.heights_m[s.index(r, c)]});
-  read_remote(found, unusable);
   std::vector<Geographic> positions;
   positions.reserve(found.size());
   for (const BorderSample& post : found)

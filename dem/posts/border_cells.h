@@ -83,7 +83,6 @@ class BorderCells {
   void read_samples(int source, SampleGrid& samples, std::vector<SourceIndex>& unusable) const;
   bool read_or_report(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<float>& heights_m,
                       std::vector<SourceIndex>& unusable) const;
-  void read_remote(std::vector<BorderSample>& found, std::vector<SourceIndex>& unusable) const;
 
   const Catalogue& catalogue_;
   const LayerGroups& groups_;

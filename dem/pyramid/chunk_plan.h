@@ -15,7 +15,6 @@ struct ChunkPlan {
   bool direct = true;
   std::uint64_t fingerprint = 0;  // hash of everything that the content depends on
   bool exists = false;            // a source touches the node
-  bool on_network = false;        // one of its files is remote
   int coarsest_level() const { return node.level == kRootLevel ? 0 : node.level; }
   int finest_level() const { return direct ? base_level : base_level - 1; }
 };

@@ -34,11 +34,7 @@ BlockId root_of(const BlockId& id) {
 }  // namespace
 
 ChunkPlans::ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through)
-    : catalogue_(catalogue),
-      source_(source),
-      fall_through_(fall_through),
-      any_on_network_(std::any_of(catalogue.rasters().begin(), catalogue.rasters().end(),
-                                  [](const RasterInfo& info) { return info.on_network; })) {
+    : catalogue_(catalogue), source_(source), fall_through_(fall_through) {
   for (int row = 0; row < rows_of(0); ++row)
     for (int col = 0; col < columns_of(0, row); ++col)
       if (any_file_within(catalogue, {0, row, col})) roots_.push_back({0, row, col});
@@ -61,7 +57,6 @@ ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
   plan.exists = levels.exists;
   plan.direct = levels.direct;
   plan.base_level = levels.base_level;
-  plan.on_network = touches_network(chunk.node, halo_deg(plan));
   plan.fingerprint = fingerprint_of(plan);
   return plan;
 }
@@ -158,22 +153,6 @@ std::vector<int> ChunkPlans::files_around(const ChunkPlan& plan, double margin) 
   const double extra_lon_deg = std::ldexp(margin, extra_shift) - margin;
   return catalogue_.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - extra_lon_deg,
                              lon_deg_of(e.lon1()) + extra_lon_deg, margin);
-}
-
-// Returns whether a remote file lies within `around_deg`, in degrees of latitude, of a block.
-bool ChunkPlans::touches_network(const BlockId& id, double around_deg) const {
-  if (!any_on_network_) return false;
-  const BlockExtent e = extent_of(id);
-  const std::vector<int> files = files_touching(catalogue_, id, around_deg * e.lon_step / e.lat_step);
-  return std::any_of(files.begin(), files.end(),
-                     [&](int i) { return catalogue_.rasters()[static_cast<std::size_t>(i)].on_network; });
-}
-
-bool ChunkPlans::reads_network(const BlockId& id) const {
-  if (!any_on_network_) return false;
-  const ChunkPlan found = plan_for(id);
-  return found.direct && id.level >= found.base_level &&
-         touches_network(id, kFillReach / std::ldexp(1.0, found.base_level));
 }
 
 ChunkPlan ChunkPlans::plan_for(const BlockId& id) const { return plan(source_.borders().chunk_of(id)); }

@@ -28,10 +28,6 @@ class ChunkPlans {
   // Returns the finest level of the posts in a block.
   int posts_level(const BlockId& id) const;
 
-  // Return whether any file is remote, and whether loading a block reads remote posts.
-  bool any_on_network() const { return any_on_network_; }
-  bool reads_network(const BlockId& id) const;
-
   // The blocks of level 0 that have data.
   const std::vector<BlockId>& roots() const { return roots_; }
   // Returns all chunks, each after the finer ones from which it is built.
@@ -41,7 +37,6 @@ class ChunkPlans {
   ChunkPlan plan(const ChunkNode& chunk) const;
   ChunkPlan make_plan(const ChunkNode& chunk) const;
   std::uint64_t fingerprint_of(const ChunkPlan& plan) const;
-  bool touches_network(const BlockId& id, double around_deg) const;
   std::vector<int> files_around(const ChunkPlan& plan, double margin) const;  // margin in degrees of latitude
   void add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const;
 
@@ -50,7 +45,7 @@ class ChunkPlans {
 
   const Catalogue& catalogue_;
   const PostSource& source_;
-  bool fall_through_, any_on_network_;
+  bool fall_through_;
   std::vector<BlockId> roots_;
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans_;

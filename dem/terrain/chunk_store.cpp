@@ -145,8 +145,7 @@ std::optional<ChunkPlan> ChunkStore::collect_finer(BuildQueue::Work& work, const
 // Builds a chunk and passes it to the writer of the cache folder.
 std::shared_ptr<const Chunk> ChunkStore::build(const ChunkPlan& plan, const Chunk::Finer& finer,
                                                const StopToken& stop) {
-  // Give the scratch memory to the local builder only: the two builders may run at the same time.
-  Chunk::Built built = Chunk::build(plan, catalogue_, source_, finer, stop, plan.on_network ? nullptr : &scratch_);
+  Chunk::Built built = Chunk::build(plan, catalogue_, source_, finer, stop, &scratch_);
   ++chunks_built_;
   if (!built.replaced.empty()) replacements_ = true;
   // Do not store a chunk with replacements: the next start may find the file repaired, or else must warn again.

@@ -122,10 +122,6 @@ std::optional<HeightRange> PyramidTerrain::heights_without_building(const BlockI
   return impl_->survey(id, stop);
 }
 
-bool PyramidTerrain::waits_for_network(const BlockId& id) const {
-  return impl_->plans.any_on_network() && !impl_->blocks.holds(id) && impl_->plans.reads_network(id);
-}
-
 std::shared_ptr<const Block> PyramidTerrain::block(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan found = impl_->plans.plan_for(id);
   if (!found.exists) return nullptr;
@@ -136,11 +132,7 @@ std::shared_ptr<const Block> PyramidTerrain::block(const BlockId& id, const Stop
   // Enter the arena before the single-flight load, whose loops need a slot. Other loop bodies wait for the same flight
   // and keep their slots meanwhile. A loader that started its flight first could wait for a slot that they hold.
   std::shared_ptr<const Block> block;
-  const auto load = [&] { block = impl_->load_once(*this, id, found, stop); };
-  if (waits_for_network(id))
-    on_own_threads(kNetworkReaders, load);
-  else
-    where_loops_run(load);
+  where_loops_run([&] { block = impl_->load_once(*this, id, found, stop); });
   return block;
 }
 

@@ -34,9 +34,6 @@ class PyramidTerrain final : public Terrain {
   // As the functions of dem/detail/unloaded_blocks.h, for terrain with and without detail.
   bool node_is_cheap(const BlockId& id) const;
   std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const;
-  // Returns whether block() reads posts from a network, also of terrain with detail over this one. Then do not call it
-  // in a loop of an arena, whose threads would all wait for the network (on_own_threads).
-  bool waits_for_network(const BlockId& id) const;
   // Returns whether any NodeInfo::replaced may be non-empty.
   bool has_replacements() const;
 

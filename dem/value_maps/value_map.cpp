@@ -34,7 +34,7 @@ struct TileKeyHash {
 };
 
 // Values of the texels, then their shares that have data, unless each valid texel is complete.
-using Tile = std::shared_ptr<const std::vector<float>>;
+using TileValues = std::shared_ptr<const std::vector<float>>;
 
 double fourth_root(double value) { return std::sqrt(std::sqrt(value)); }
 
@@ -135,7 +135,7 @@ struct ValueMap::Impl {
   int level_height(int level) const { return 1 + ((height - 1) >> level); }
 
   // Returns a tile. A tile of a coarse level without an overview reads all of the file that it covers, once.
-  Tile tile(int level, int tx, int ty, const StopToken& stop) const {
+  TileValues tile(int level, int tx, int ty, const StopToken& stop) const {
     const auto make = [&] {
       stop.check();
       auto tile = std::make_shared<std::vector<float>>(kTexels, kNone);
@@ -178,7 +178,7 @@ struct ValueMap::Impl {
         const int x = 2 * tx + dx, y = 2 * ty + dy;
         const int w = level_width(level - 1) - x * kTile, h = level_height(level - 1) - y * kTile;
         if (w <= 0 || h <= 0) continue;
-        const Tile finer = tile(level - 1, x, y, stop);
+        const TileValues finer = tile(level - 1, x, y, stop);
         for (int v = 0; 2 * v < std::min(kTile, h); ++v)
           for (int u = 0; 2 * u < std::min(kTile, w); ++u) {
             double sum = 0, covered = 0;

@@ -11,7 +11,6 @@
 
 #include "dem/base/parallel.h"
 #include "dem/grid/surface.h"
-#include "dem/terrain/build_queue.h"
 #include "dem/terrain/finest_surface.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
@@ -313,8 +312,7 @@ TerminatorPoint terminator_of_sphere(const Viewpoint& sun, const View& view, dou
 }
 
 // Searches the limb at evenly spaced azimuths, in parallel, and calls on_searched(i, azimuth_rad, search) for each,
-// also without a limb. If posts come over the network, the loop runs on threads of its own: it must not block the
-// arena.
+// also without a limb.
 template <typename OnSearched>
 void search_all(const Viewpoint& viewpoint, int azimuth_count, const dem::Terrain& terrain, const StopToken& stop,
                 const OnSearched& on_searched) {
@@ -325,12 +323,7 @@ void search_all(const Viewpoint& viewpoint, int azimuth_count, const dem::Terrai
     search.search(roots);
     on_searched(i, azimuth_rad, search);
   };
-  const auto run = [&] { in_parallel(static_cast<std::size_t>(azimuth_count), search_at); };
-  if (std::any_of(roots.begin(), roots.end(),
-                  [&](const auto& root) { return terrain.plain().waits_for_network(root.id); }))
-    on_own_threads(dem::kNetworkReaders, run);
-  else
-    run();
+  in_parallel(static_cast<std::size_t>(azimuth_count), search_at);
 }
 
 }  // namespace

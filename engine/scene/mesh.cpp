@@ -12,7 +12,6 @@
 #include <utility>
 
 #include "dem/base/parallel.h"
-#include "dem/terrain/build_queue.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
 
@@ -102,21 +101,14 @@ std::size_t MeshBlock::bytes() const {
 std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& terrain, const std::vector<BlockId>& ids,
                                                            const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
-  std::vector<std::size_t> local, on_network;
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (const auto shared = before ? before->share(ids[i]) : nullptr)
+  in_parallel(ids.size(), [&](std::size_t i) {
+    if (const auto shared = before ? before->share(ids[i]) : nullptr) {
       loaded[i] = shared->posts;
-    else
-      (terrain.plain().waits_for_network(ids[i]) ? on_network : local).push_back(i);
-  }
-  const auto load_all = [&](const std::vector<std::size_t>& indices) {
-    in_parallel(indices.size(), [&](std::size_t k) {
-      stop.check();
-      loaded[indices[k]] = terrain.block(ids[indices[k]], stop);
-    });
-  };
-  load_all(local);
-  on_own_threads(dem::kNetworkReaders, [&] { load_all(on_network); });
+      return;
+    }
+    stop.check();
+    loaded[i] = terrain.block(ids[i], stop);
+  });
   return loaded;
 }
 

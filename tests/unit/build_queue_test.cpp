@@ -143,59 +143,18 @@ TEST(BuildQueue, ErrorsReachWaitersAndAreNotCached) {
   EXPECT_TRUE(queue.get(plan(0, false), {}));
 }
 
-ChunkPlan on_network(ChunkPlan plan) {
-  plan.on_network = true;
-  return plan;
-}
-
-TEST(BuildQueue, NetworkBuildsDoNotDelayOthers) {
-  Door door;
-  BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) {
-    if (work.plan.on_network) door.pass();
-    return made();
-  });
-  std::atomic<bool> landed{false};
-  std::thread slow([&] {
-    EXPECT_TRUE(queue.get(on_network(plan(1)), {}));
-    landed = true;
-  });
-  for (int i = 2; i < 5; ++i) EXPECT_TRUE(queue.get(plan(i), in(10s)));
-  EXPECT_FALSE(landed);
-  door.open();
-  slow.join();
-}
-
-TEST(BuildQueue, EitherBuilderWaitsForTheOthersChunks) {
-  for (const bool coarse_on_network : {false, true}) {
-    BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) -> Turn {
-      if (!work.plan.direct && !work.finer_chunk) {
-        ChunkPlan finer = plan(1);
-        finer.on_network = !coarse_on_network;
-        return {nullptr, finer};
-      }
-      return made();
-    });
-    ChunkPlan coarse = plan(0, false);
-    coarse.on_network = coarse_on_network;
-    EXPECT_TRUE(queue.get(coarse, in(10s))) << coarse_on_network;
-    EXPECT_TRUE(queue.get(coarse, in(10s))) << coarse_on_network;
-  }
-}
-
 TEST(BuildQueue, DependenciesOfDroppedChunksAreDropped) {
   Door door;
   std::atomic<int> finer{0};
   BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) -> Turn {
-    if (!work.plan.direct) return {nullptr, on_network(plan(2))};
     if (work.plan.node == plan(2).node) ++finer;
-    if (work.plan.on_network) door.pass();
-    return made();
+    if (work.plan.direct) return made();
+    door.pass();
+    return {nullptr, plan(2)};
   });
-  EXPECT_THROW(queue.get(on_network(plan(1)), in(30ms)), Cancelled);  // begun
-  EXPECT_THROW(queue.get(plan(0, false), in(100ms)), Cancelled);
-  EXPECT_TRUE(queue.get(plan(3), in(10s)));  // by then the chunk that nobody wants has been dropped
+  EXPECT_THROW(queue.get(plan(0, false), in(30ms)), Cancelled);  // begun
   door.open();
-  EXPECT_TRUE(queue.get(on_network(plan(4)), in(10s)));
+  EXPECT_TRUE(queue.get(plan(3), {}));  // by then the chunk that nobody wants has been dropped
   EXPECT_EQ(finer, 0);
 }
 

@@ -1,5 +1,6 @@
 // Horizons against closed forms and against brute force in double; shares of discs and runs of nights.
 #include <gtest/gtest.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
@@ -184,8 +185,9 @@ class HorizonsOfTerrain : public test::SampleScenery {
 TEST_F(HorizonsOfTerrain, ThreadsChangeNoBit) {
   const HorizonOptions options{.azimuths = 24, .height_above_ground_m = 2, .farthest_m = 1e4};
   std::vector<float> first;
-  for (const std::size_t threads : {1, 3}) {
-    const std::vector<float> found = on_own_threads(threads, [&] { return find(options).elevation_deg; });
+  for (const int threads : {1, 3}) {
+    tbb::task_arena arena(threads);
+    const std::vector<float> found = in_arena(arena, [&] { return find(options).elevation_deg; });
     if (first.empty()) first = found;
     EXPECT_EQ(found, first);
   }

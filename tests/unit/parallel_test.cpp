@@ -70,34 +70,6 @@ TEST(Parallel, NestedLoopsAndExceptions) {
   EXPECT_EQ(sum, 99 * 100 / 2 + 2);
 }
 
-TEST(Parallel, LoopsOnTheirOwnThreadsHoldNoPlace) {
-  tbb::task_arena arena(1);
-  std::atomic<int> waiting{0}, go_on{0}, done{0};
-  std::thread slow([&] {
-    in_arena(arena, [&] {
-      on_own_threads(2, [&] {
-        in_parallel(2, [&](std::size_t) {
-          ++waiting;
-          EXPECT_TRUE(becomes(go_on, 1));
-          in_parallel(3, [&](std::size_t) { ++done; });
-        });
-      });
-    });
-  });
-  EXPECT_TRUE(becomes(waiting, 2));
-  in_arena(arena, [&] { in_parallel(4, [&](std::size_t) { ++done; }); });
-  EXPECT_EQ(done, 4);
-  go_on = 1;
-  slow.join();
-  EXPECT_EQ(done, 10);
-  const auto fails = [&] {
-    in_parallel(8, [](std::size_t i) {
-      if (i == 5) throw std::out_of_range("5");
-    });
-  };
-  EXPECT_THROW(on_own_threads(3, fails), std::out_of_range);
-}
-
 // What has begun when another piece throws is done as a whole, or it would be taken for whole: a block of terrain, say,
 // whose posts nobody has read.
 TEST(Parallel, NestedLoopOfACancelledLoopCompletes) {

@@ -281,20 +281,6 @@ TEST_F(NoFiles, AsSourcesOfAVrt) {
     EXPECT_REFUSED(put("v.vrt", vrt({.content = source(name)})), "not a file on this machine");
 }
 
-TEST_F(NoFiles, BesideAFile) {
-  Tiff t;
-  for (const char* name : {"a.tif.aux.xml", "a.tif.ovr", "a.tif.msk", "a.tfw", "a.prj"}) {
-    ASSERT_EQ(::mkfifo(file(name).c_str(), 0600), 0);
-    EXPECT_EQ(refusal(put("a.tif", tiff(t))), "") << name;
-  }
-  fs::remove(file("a.tif.aux.xml"));
-  put("a.tif.aux.xml", "");
-  fs::resize_file(file("a.tif.aux.xml"), std::uintmax_t{1} << 40);  // sparse, and read as a whole
-  EXPECT_EQ(refusal(put("a.tif", tiff(t))), "");
-  const PyramidTerrain terrain(Catalogue({folder_.path()}), {});
-  EXPECT_NEAR(terrain.height(0.5, 30.5).height_m, 0, 1e-6);
-}
-
 TEST_F(NoFiles, AsTheDataOfALabel) {
   const std::string label = test::write_kaguya_tile(folder_.path(), 12, 5, 1, 16, [](double, double) { return 7.0; });
   const std::string image = fs::path(label).replace_extension(".img").string();
@@ -406,15 +392,6 @@ TEST_F(RemoteNames, APrefixIsANameOrAFolder) {
         "/vsicurl/http://host:2115.elsewhere/a.tif", "/vsicurl/https://example.org/dem", "/vsis3/bucket/a.tif.aux.xml",
         "/vsicurl/https://example.org/dem/../a.tif", "/vsis3/another/a.tif", ""})
     EXPECT_FALSE(is_allowed(name)) << name;
-}
-
-TEST_F(RemoteNames, Redirects) {
-  const std::string name = "/vsicurl/http://host:21/dem/a.tif";
-  EXPECT_EQ(redirected_name(name, "https://other/b.tif"), "/vsicurl/https://other/b.tif");
-  EXPECT_EQ(redirected_name(name, "//other/b.tif"), "/vsicurl/http://other/b.tif");
-  EXPECT_EQ(redirected_name(name, "/c/b.tif"), "/vsicurl/http://host:21/c/b.tif");
-  EXPECT_EQ(redirected_name(name, "b.tif"), "/vsicurl/http://host:21/dem/b.tif");
-  EXPECT_EQ(redirected_name("/vsis3/bucket/a.tif", "https://other/b.tif"), "/vsicurl/https://other/b.tif");
 }
 
 }  // namespace
