@@ -13,7 +13,7 @@
 #include "api/message/json_text.h"
 #include "api/message/version.h"
 #include "dem/gdal/geotiff_writer.h"
-#include "engine/horizons/horizon_march.h"
+#include "engine/relief/horizon_march.h"
 
 namespace selenograph::api {
 namespace {

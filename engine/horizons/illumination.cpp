@@ -12,7 +12,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kLimbDarkening = 0.6;      // of the Sun, as in frames
-constexpr double kEarthRadius_m = 6371000;  // mean radius
+constexpr double kMeanEarthRadius_m = 6371000;
 
 void allocate(std::size_t places, Illumination& out) {
   for (std::vector<float>* values :
@@ -75,7 +75,7 @@ BodySeries bodies_at(const std::vector<std::string>& utc, double step_s) {
       const Earth earth = earth_at(utc[i]);
       series.sun[i] = {sun.direction, sun.distance_au * kAstronomicalUnit_m,
                        sun_radius_deg(sun.distance_au) * kRadiansPerDegree};
-      series.earth[i] = {earth.direction, earth.distance_m, std::asin(kEarthRadius_m / earth.distance_m)};
+      series.earth[i] = {earth.direction, earth.distance_m, std::asin(kMeanEarthRadius_m / earth.distance_m)};
     }
   });
   return series;

@@ -14,8 +14,8 @@
 #include "dem/base/error.h"
 #include "dem/base/parallel.h"
 #include "dem/terrain/surface_place.h"
-#include "engine/horizons/horizon_relief.h"
-#include "engine/indirect/terrain_heights.h"
+#include "engine/relief/horizon_plan.h"
+#include "engine/relief/terrain_heights.h"
 
 namespace selenograph::engine {
 namespace {
@@ -102,33 +102,37 @@ class HorizonSearch {
 
   // Returns the shape of a tile's relief. Its finest spacing is an eighth of the posts', because its cells round the
   // edges of triangles and so lower crests. On a lattice it is about that, so that it divides the lattice's spacing.
-  HorizonReliefShape shape_of(const PlaceTile& tile) const {
+  ReliefShape shape_of(const PlaceTile& tile) const {
     const double spacing_m = finest_spacing_m(tile, context_.terrain) / 8;
     constexpr double kCoarser_log2 = 0.15;
     const double posts_log2 = tile.lattice ? std::log2(tile.lattice->spacing_m / spacing_m) : -1;
-    if (!tile.lattice || posts_log2 < -kCoarser_log2) return {tile.centre, tile.half_m, spacing_m, options_.farthest_m};
-    const int lattice_log2 = static_cast<int>(std::ceil(posts_log2 - kCoarser_log2));
-    return {.centre = tile.centre,
-            .half_m = tile.half_m + (kPacketColumns - 1) * tile.lattice->spacing_m,  // packets may exceed the tile
-            .spacing_m = std::ldexp(tile.lattice->spacing_m, -lattice_log2),
-            .farthest_m = options_.farthest_m,
-            .turn_rad = tile.lattice->turn_rad,
-            .lattice_log2 = lattice_log2};
+    ReliefShape shape{.centre = tile.centre,
+                      .half_m = tile.half_m,
+                      .spacing_m = spacing_m,
+                      .farthest_m = options_.farthest_m,
+                      .posts_per_distance = kHorizonPostsPerDistance,
+                      .void_height_m = kVoidHeight_m};
+    if (!tile.lattice || posts_log2 < -kCoarser_log2) return shape;
+    shape.lattice_log2 = static_cast<int>(std::ceil(posts_log2 - kCoarser_log2));
+    shape.half_m += (kPacketColumns - 1) * tile.lattice->spacing_m;  // packets may exceed the tile
+    shape.spacing_m = std::ldexp(tile.lattice->spacing_m, -shape.lattice_log2);
+    shape.turn_rad = tile.lattice->turn_rad;
+    return shape;
   }
   const dem::Terrain& terrain() const { return context_.terrain; }
-  static bool fits(const HorizonReliefShape& shape) {
+  static bool fits(const ReliefShape& shape) {
     constexpr double kMaxPosts = 6e7;  // with their tables, 0.6 GB
-    return posts_of(shape) <= kMaxPosts;
+    return post_count(shape) <= kMaxPosts;
   }
 
-  void find(const PlaceTile& tile, const HorizonReliefShape& shape) {
-    const ReliefHeights heights = heights_of(context_.terrain, context_.stop);
-    const HorizonRelief relief(shape, heights, context_.stop);
+  void find(const PlaceTile& tile, const ReliefShape& shape) {
+    const Relief relief(shape, heights_of(context_.terrain, context_.stop), context_.stop);
+    const MarchPlan plan = plan_marches(relief, context_.stop);
     report_.min_spacing_m = std::min(report_.min_spacing_m, shape.spacing_m);
     in_parallel(tile.group_begins.size() - 1, [&](std::size_t i) {
       context_.stop.check();
       const std::size_t first = tile.group_begins[i], past_last = tile.group_begins[i + 1];
-      find(std::span(tile.packets).subspan(first, past_last - first), relief,
+      find(std::span(tile.packets).subspan(first, past_last - first), relief, plan,
            shape.lattice_log2 < 0 ? nullptr : &*tile.lattice);
     });
   }
@@ -151,7 +155,7 @@ class HorizonSearch {
   // Sets a lane's position, unless it is on the lattice, and directions in the relief's plane. Its eye stands over
   // triangle_m, the ground's height above the datum, or over the relief where that is higher. Returns false without
   // data.
-  bool place_lane(const Vec3& up, double triangle_m, const HorizonRelief& relief, std::size_t lane, MarchPlaces& march,
+  bool place_lane(const Vec3& up, double triangle_m, const Relief& relief, std::size_t lane, MarchPlaces& march,
                   PacketHorizons& out) const {
     out.axes[lane] = local_axes(up);
     const Vec3 p = relief.axes() * up;
@@ -179,7 +183,7 @@ class HorizonSearch {
   }
 
   // Sets the lanes of a packet. Returns the number of its places that have data.
-  std::size_t place_packet(const PlacePacket& packet, const HorizonRelief& relief, const PixelLattice* lattice,
+  std::size_t place_packet(const PlacePacket& packet, const Relief& relief, const PixelLattice* lattice,
                            MarchPlaces& march, PacketHorizons& out) const {
     march.on_ground = options_.height_above_ground_m == 0;
     march.on_lattice = lattice != nullptr;
@@ -199,7 +203,7 @@ class HorizonSearch {
     std::array<float, kPacket> triangle_m;
     triangle_m.fill(std::numeric_limits<float>::quiet_NaN());
     if (!march.on_lattice && !march.on_ground)
-      heights_of(context_.terrain, context_.stop)(relief.spacing_m(), up, triangle_m);
+      heights_of(context_.terrain, context_.stop)(relief.shape().spacing_m, up, triangle_m);
     std::size_t with_data = 0;
     for (std::size_t i = 0; i < kPacket; ++i) {
       const bool has_data = place_lane(up[i], static_cast<double>(triangle_m[i]), relief, i, march, out);
@@ -216,7 +220,8 @@ class HorizonSearch {
   }
 
   // Finds the horizons of a group of neighbouring packets.
-  void find(std::span<const PlacePacket> packets, const HorizonRelief& relief, const PixelLattice* lattice) {
+  void find(std::span<const PlacePacket> packets, const Relief& relief, const MarchPlan& plan,
+            const PixelLattice* lattice) {
     std::vector<MarchPlaces> marches;
     std::vector<PacketHorizons> out;
     std::size_t places = 0, with_data = 0;
@@ -232,7 +237,7 @@ class HorizonSearch {
     missing_ += places - with_data;
     const std::size_t packet_elements = static_cast<std::size_t>(options_.azimuths) * kPacket;
     std::vector<float> elevation_deg(marches.size() * packet_elements);
-    find_horizons(relief.plan(), marches, options_.azimuths, elevation_deg.data());
+    find_horizons(plan, marches, options_.azimuths, elevation_deg.data());
     for (std::size_t i = 0; i < out.size(); ++i) {
       out[i].azimuths = options_.azimuths;
       out[i].elevation_deg = std::span(elevation_deg).subspan(i * packet_elements, packet_elements);
@@ -335,7 +340,7 @@ void find(const dem::MapGrid& grid, const PixelRect& rect, HorizonSearch& search
     // Pixels may stand aside by a small share of the spacing of posts.
     tile.lattice = lattice_of(grid, rect, finest_spacing_m(tile, search.terrain()) / 32);
     if (tile.lattice) centre_on_lattice(grid, rect, tile);
-    if (const HorizonReliefShape shape = search.shape_of(tile); HorizonSearch::fits(shape)) {
+    if (const ReliefShape shape = search.shape_of(tile); HorizonSearch::fits(shape)) {
       search.find(tile, shape);
       return search.done(pixels - tile.places);
     }
@@ -387,7 +392,7 @@ void find(std::span<const Vec3> places, std::span<const std::size_t> group, Hori
   }
   tile.group_begins.push_back(tile.packets.size());
   enclose(tile);
-  const HorizonReliefShape shape = search.shape_of(tile);
+  const ReliefShape shape = search.shape_of(tile);
   if (HorizonSearch::fits(shape)) return search.find(tile, shape);
   if (group.size() == 1) throw too_large("place");
   find(places, group.first(group.size() / 2), search);

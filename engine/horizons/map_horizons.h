@@ -10,7 +10,7 @@
 
 #include "dem/grid/map_grid.h"
 #include "engine/cache/render_context.h"
-#include "engine/horizons/horizon_march.h"
+#include "engine/relief/horizon_march.h"
 
 namespace selenograph::engine {
 

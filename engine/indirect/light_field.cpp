@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "dem/grid/lattice.h"
-#include "engine/indirect/relief.h"
+#include "engine/relief/relief.h"
 
 namespace selenograph::engine {
 namespace {

@@ -10,9 +10,9 @@
 #include "dem/base/once.h"
 #include "dem/base/parallel.h"
 #include "dem/grid/lattice.h"
-#include "engine/indirect/terrain_heights.h"
 #include "engine/radiometry/earth.h"
 #include "engine/radiometry/mapped_surface.h"
+#include "engine/relief/terrain_heights.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
@@ -200,7 +200,7 @@ std::size_t LightTiles::bytes_of_tile() { return sizeof(CachedTile); }
 // Relief of a field with the sunlight on it, from which its tiles are made.
 struct LightTiles::Patch {
   Patch(std::shared_ptr<const Relief> field_relief, const FrameRequest& request, const GroundViewStore& store)
-      : relief(std::move(field_relief)), views(relief->views()) {
+      : relief(std::move(field_relief)) {
     if (request.indirect.terrain) slopes.emplace(*relief, source_of(request), store);
     if (const auto& earth = request.indirect.earth)
       earth_disc.emplace(*relief, earth->direction, earth_radius_deg(earth->distance_m));
@@ -221,14 +221,13 @@ struct LightTiles::Patch {
       light.sky.setZero();
     }
     if (slopes) slopes->gather(row, column, stride, row_light, stop, keep_view, &work);
-    MarchLanes lanes = relief->march_lanes(row, column, stride);
+    MarchLanes lanes = posts_in_row(*relief, row, column, stride);
     alignas(64) float earth_share[kPacket] = {};
-    if (earth_disc) earth_disc->shares(views, stride, lanes, earth_share);
+    if (earth_disc) earth_disc->shares(0, stride, lanes, earth_share);
     float& max_ground_view = tile.max_ground_view[tile_row];
     for (int i = 0; i < kPacket; ++i) {
       const int post_column = column + i * stride;
-      const std::size_t relief_post = static_cast<std::size_t>(row) * static_cast<std::size_t>(relief->side(0)) +
-                                      static_cast<std::size_t>(post_column);
+      const auto relief_post = static_cast<std::size_t>(relief->grids().front().index(post_column, row));
       const SectorLight& light = row_light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = moon_from_grids * relief->cell(0, relief_post).normal;
       const std::size_t tile_post = tile_row * kPacket + static_cast<std::size_t>(i);
@@ -244,7 +243,6 @@ struct LightTiles::Patch {
   }
 
   const std::shared_ptr<const Relief> relief;
-  std::vector<GridView> views;
   std::optional<SlopeLight> slopes;   // light from terrain, on request
   std::optional<SkyDisc> earth_disc;  // on request
 };
@@ -260,7 +258,8 @@ std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const 
     if (const auto entry = reliefs_.find(key); entry != reliefs_.end())
       if (auto relief = entry->second.lock()) return relief;
   }
-  const ReliefShape shape{plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)};
+  const ReliefShape shape{
+      .centre = plane.centre(), .half_m = plane.half_m(), .spacing_m = dem::post_spacing_m(field.finest)};
   auto made = std::make_shared<const Relief>(shape, heights_of(terrain, stop), stop);
   const std::lock_guard lock(mutex_);
   reliefs_[key] = made;

@@ -44,11 +44,9 @@ double share_of_disc_above(double x) {
 }
 
 SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg)
-    : direction_(relief.axes() * direction),
-      radius_(angular_radius_deg * kRadiansPerDegree),
-      sphere_(relief.sphere()) {}
+    : relief_(relief), direction_(relief.axes() * direction), radius_(angular_radius_deg * kRadiansPerDegree) {}
 
-void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const {
+void SkyDisc::shares(std::size_t first_grid, int stride, MarchLanes& lanes, float* share) const {
   alignas(64) float sufficient_tangent[kPacket];
   alignas(64) float horizon[kPacket];  // tangents
   double elevation[kPacket];           // of the disc's middle, rad
@@ -67,7 +65,7 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
   // With the source in the zenith any direction does.
   lanes.ux = length > 1e-12 ? static_cast<float>(ux / length) : 1;
   lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
-  find_horizons(grids, sphere_, lanes, stride, sufficient_tangent, horizon);
+  find_horizon_ahead(relief_, first_grid, lanes, stride, sufficient_tangent, horizon);
   for (int i = 0; i < kPacket; ++i) {
     const double horizon_above_middle = std::atan(static_cast<double>(horizon[i])) - elevation[i];
     share[i] = std::isnan(lanes.height[i]) ? 0
@@ -80,18 +78,18 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
 class SlopeLight::Square {
  public:
   // `row`, `column`: those of its south-western cell in the grid with the index `grid_index`.
-  Square(const Relief& relief, const GridView& view, std::size_t grid_index, int row, int column)
+  Square(const Relief& relief, std::size_t grid_index, int row, int column)
       : grid(grid_index),
-        rows(std::min(kSquare, view.side - row)),
-        columns(std::min(kSquare, view.side - column)),
+        rows(std::min(kSquare, relief.grids()[grid].side - row)),
+        columns(std::min(kSquare, relief.grids()[grid].side - column)),
         relief_(relief),
-        view_(view),
+        posts_(relief.grids()[grid]),
         row_(row),
         column_(column) {}
   // Returns the number in the grid of the cell in the square's row `r` and column `c`, which is that of its
   // south-western post.
   std::size_t post(int r, int c) const {
-    return static_cast<std::size_t>(row_ + r) * static_cast<std::size_t>(view_.side) +
+    return static_cast<std::size_t>(row_ + r) * static_cast<std::size_t>(posts_.side) +
            static_cast<std::size_t>(column_ + c);
   }
   using Cells = std::array<Relief::Cell, kPacket>;
@@ -100,10 +98,10 @@ class SlopeLight::Square {
   MarchLanes march_lanes(int r, Cells& cells) const {
     static_assert(kSquare == kPacket);
     MarchLanes lanes;
-    lanes.y = view_.first_m + (static_cast<float>(row_ + r) + 0.5F) * view_.spacing_m;
+    lanes.y = static_cast<float>(posts_.coordinate_m(row_ + r + 0.5));
     for (int i = 0; i < kPacket; ++i) {
       cells[static_cast<std::size_t>(i)] = relief_.cell(grid, post(r, std::min(i, columns - 1)));
-      lanes.x[i] = view_.first_m + (static_cast<float>(column_ + i) + 0.5F) * view_.spacing_m;
+      lanes.x[i] = static_cast<float>(posts_.coordinate_m(column_ + i + 0.5));
       lanes.height[i] = cells[static_cast<std::size_t>(i)].height;
     }
     return lanes;
@@ -119,7 +117,7 @@ class SlopeLight::Square {
 
  private:
   const Relief& relief_;
-  const GridView& view_;
+  const ReliefGrid& posts_;
   int row_, column_;
 };
 
@@ -129,54 +127,53 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source, const Grou
       store_(store),
       disc_(relief, source_.sun.direction, source_.sun.angular_radius_deg),
       azimuths_(disc_.direction().z() < std::sin(kLowSun_deg * kRadiansPerDegree) ? kAzimuthsAtLowSun : kAzimuths),
-      ground_(relief.grids()),
-      grids_(relief.views()) {
+      squares_(relief.grids().size()) {
   constexpr int kGlowSteps = 16;
   if (source_.bounces > 1 && !source_.albedo_is_w) glows_ = {diffuse_albedo(source_.brdf) / kPi};
   if (source_.bounces > 1 && source_.albedo_is_w)
     for (int k = 0; k <= kGlowSteps; ++k)
       glows_.push_back(diffuse_albedo(source_.brdf, 1 - std::pow(k / double(kGlowSteps), 2)) / kPi);
-  for (std::size_t g = 0; g < relief.grids(); ++g) {
-    Ground& ground = ground_[g];
-    GroundLight& light = ground.light;
-    const auto side = static_cast<std::size_t>(relief.side(g));
-    ground.squares = (relief.side(g) + kSquare - 1) / kSquare;
-    const std::size_t squares = static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares);
-    for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit}) values->resize(side * side + kPadding);
-    if (source_.albedo) light.albedo.resize(side * side + kPadding);
-    ground.lit = std::make_unique<dem::Once[]>(squares);
+  for (std::size_t g = 0; g < squares_.size(); ++g) {
+    const ReliefGrid& grid = relief.grids()[g];
+    GroundLight& light = ground_.emplace_back(LitGrid{&grid, {}}).light;
+    const std::size_t cells = static_cast<std::size_t>(grid.side) * static_cast<std::size_t>(grid.side) + kPadding;
+    const int per_side = squares_[g].per_side = (grid.side + kSquare - 1) / kSquare;
+    const std::size_t squares = static_cast<std::size_t>(per_side) * static_cast<std::size_t>(per_side);
+    for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit}) values->resize(cells);
+    if (source_.albedo) light.albedo.resize(cells);
+    squares_[g].lit = std::make_unique<dem::Once[]>(squares);
     for (std::size_t k = 0; k + 1 < static_cast<std::size_t>(source_.bounces); ++k) {
-      light.glow[k].resize(side * side + kPadding);
-      ground.glows[k] = std::make_unique<dem::Once[]>(squares);
+      light.glow[k].resize(cells);
+      squares_[g].glows[k] = std::make_unique<dem::Once[]>(squares);
     }
-    grids_[g].light = &light;
   }
 }
 
 std::size_t SlopeLight::bytes() const {
   const auto glows = static_cast<std::size_t>(source_.bounces - 1);
   std::size_t sum = 0;
-  for (const Ground& ground : ground_)
-    sum += ((3 + glows) * ground.light.lit.capacity() + ground.light.albedo.capacity()) * sizeof(float) +
-           static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares) * sizeof(dem::Once) *
-               (1 + glows);
+  for (const LitGrid& ground : ground_)
+    sum += ((3 + glows) * ground.light.lit.capacity() + ground.light.albedo.capacity()) * sizeof(float);
+  for (const Squares& squares : squares_)
+    sum += static_cast<std::size_t>(squares.per_side) * static_cast<std::size_t>(squares.per_side) * sizeof(dem::Once) *
+           (1 + glows);
   return sum;
 }
 
 void SlopeLight::light_squares(std::span<const GroundView::Square> squares, int bounces, const StopToken& stop,
                                LightWork* work) const {
   const auto square = [&](const GroundView::Square& id) {
-    const auto side = static_cast<std::uint32_t>(ground_[id.grid].squares);
-    return Square(relief_, grids_[id.grid], id.grid, static_cast<int>(id.index / side) * kSquare,
+    const auto side = static_cast<std::uint32_t>(squares_[id.grid].per_side);
+    return Square(relief_, id.grid, static_cast<int>(id.index / side) * kSquare,
                   static_cast<int>(id.index % side) * kSquare);
   };
   Stopwatch watch;
   for (const GroundView::Square& id : squares)
-    ground_[id.grid].lit[id.index].run([&] { light_in_sun(square(id), stop); });
+    squares_[id.grid].lit[id.index].run([&] { light_in_sun(square(id), stop); });
   if (work) work->sunlit_ms += watch.lap_ms();
   if (bounces == 1) return;
   for (const GroundView::Square& id : squares)
-    ground_[id.grid].glows[static_cast<std::size_t>(bounces - 2)][id.index].run(
+    squares_[id.grid].glows[static_cast<std::size_t>(bounces - 2)][id.index].run(
         [&] { light_by_ground(square(id), bounces - 1, stop); });
   if (work) work->bounces_ms += watch.lap_ms();
 }
@@ -184,9 +181,8 @@ void SlopeLight::light_squares(std::span<const GroundView::Square> squares, int 
 // The square's own grid and the coarser ones cast shadows on it.
 void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const {
   stop.check();
-  const GridView& view = grids_[square.grid];
+  const ReliefGrid& grid = relief_.grids()[square.grid];
   GroundLight& light = ground_[square.grid].light;
-  const std::span<const GridView> grids = std::span(grids_).subspan(square.grid);
   // A cell that faces less than this cosine toward the Sun's middle has its whole disc behind it.
   const double min_cos_incidence = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
   std::vector<float> albedo;
@@ -196,7 +192,7 @@ void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const
     for (int r = 0; r < square.rows; ++r)
       for (int c = 0; c < square.columns; ++c)
         directions.push_back(relief_.direction(square.grid, square.post(r, c), true));
-    source_.albedo(static_cast<double>(view.spacing_m), directions, albedo, stop);
+    source_.albedo(grid.spacing_m, directions, albedo, stop);
   }
   for (int r = 0; r < square.rows; ++r) {
     Square::Cells cells;
@@ -205,7 +201,7 @@ void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const
     // Without a height, a cell that faces away from the Sun needs no march and has share 0.
     for (std::size_t i = 0; i < kPacket; ++i)
       if (!(cells[i].normal.cast<double>().dot(disc_.direction()) > min_cos_incidence)) lanes.height[i] = std::nanf("");
-    disc_.shares(grids, static_cast<int>(view.coarser), lanes, share);
+    disc_.shares(square.grid, static_cast<int>(grid.coarser), lanes, share);
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t cell = square.post(r, c);
       const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
@@ -228,7 +224,7 @@ void SlopeLight::light_by_ground(const Square& square, int bounces, const StopTo
   gather({square.grid,
           square.row() + square.middle_row(),
           square.column(),
-          static_cast<int>(grids_[square.grid].coarser),
+          static_cast<int>(relief_.grids()[square.grid].coarser),
           true,
           {kAzimuthsOfGround, 0.5}},
          lanes, bounces, false, arriving, stop);
@@ -267,12 +263,11 @@ double SlopeLight::reflected(double mu0, double mu, double cos_phase, double alb
 }
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
-  const Ground& ground = ground_.front();
-  const GroundView::Square square{0, static_cast<std::uint32_t>(row / kSquare * ground.squares + column / kSquare)};
+  const GroundView::Square square{
+      0, static_cast<std::uint32_t>(row / kSquare * squares_.front().per_side + column / kSquare)};
   light_squares({&square, 1}, source_.bounces, stop);
-  const GroundLight& light = ground.light;
-  const std::size_t post =
-      static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
+  const GroundLight& light = ground_.front().light;
+  const auto post = static_cast<std::size_t>(relief_.grids().front().index(column, row));
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
   // The relief's z axis stands for the zenith: it is that of the relief's centre.
@@ -285,13 +280,13 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
 }
 
 void SlopeLight::set_squares(std::size_t first_grid, GroundView& view) const {
-  std::vector<std::vector<bool>> has(grids_.size() - first_grid);
+  std::vector<std::vector<bool>> has(squares_.size() - first_grid);
   for (std::size_t g = 0; g < has.size(); ++g) {
-    const auto squares = static_cast<std::size_t>(ground_[first_grid + g].squares);
+    const auto squares = static_cast<std::size_t>(squares_[first_grid + g].per_side);
     has[g].resize(squares * squares);
   }
   for (const GroundSegment& segment : view.segments) {
-    const GridView& grid = grids_[first_grid + segment.grid];
+    const ReliefGrid& grid = relief_.grids()[first_grid + segment.grid];
     const float pitch = static_cast<float>(view.stride) / grid.coarser;
     // All cells that the vector loads read; for a pitch above 1 also those between the lanes.
     const float columns_read =
@@ -299,7 +294,7 @@ void SlopeLight::set_squares(std::size_t first_grid, GroundView& view) const {
     const auto square_of = [&](float column) {
       return std::clamp(static_cast<int>(column), 0, grid.side - 1) / kSquare;
     };
-    const int first = segment.row / kSquare * ground_[first_grid + segment.grid].squares;
+    const int first = segment.row / kSquare * squares_[first_grid + segment.grid].per_side;
     for (int c = square_of(segment.column); c <= square_of(segment.column + columns_read); ++c)
       has[segment.grid][static_cast<std::size_t>(first + c)] = true;
   }
@@ -310,7 +305,6 @@ void SlopeLight::set_squares(std::size_t first_grid, GroundView& view) const {
 }
 
 GroundView SlopeLight::march_view(const Gatherers& gatherers, MarchLanes& lanes, AzimuthLanes& directions) const {
-  const std::span<const GridView> grids = std::span(grids_).subspan(gatherers.grid);
   const Azimuths& azimuths = gatherers.azimuths;
   GroundView view;
   view.stride = gatherers.stride;
@@ -321,7 +315,7 @@ GroundView SlopeLight::march_view(const Gatherers& gatherers, MarchLanes& lanes,
   for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
     const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
-    find_visible_ground(grids, relief_.sphere(), lanes, view, horizon);
+    find_visible_ground(relief_, gatherers.grid, lanes, view, horizon);
     add_sky(directions, horizon, view.sky);
   }
   set_squares(gatherers.grid, view);
@@ -352,7 +346,7 @@ std::shared_ptr<const GroundView> SlopeLight::view_of(const Gatherers& gatherers
 
 void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounces, bool keep_view, ArrivingLight& out,
                         const StopToken& stop, LightWork* work) const {
-  const std::span<const GridView> grids = std::span(grids_).subspan(gatherers.grid);
+  const std::span<const LitGrid> ground = std::span(ground_).subspan(gatherers.grid);
   AzimuthLanes directions;
   for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (int i = 0; i < kPacket; ++i) {
@@ -372,7 +366,7 @@ void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounc
     aim(view->azimuths[azimuth].ux, view->azimuths[azimuth].uy, lanes, directions);
     auto& sector_sum = out.from[azimuth / azimuths_per_sector];
     SegmentCursor cursor(*view, azimuth);
-    while (next_lit_segment(*view, grids, directions, bounces - 2, cursor, segment, light)) {
+    while (next_lit_segment(*view, ground, directions, bounces - 2, cursor, segment, light)) {
       source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
                              reflected);
       add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sector_sum);
@@ -390,7 +384,7 @@ void SlopeLight::gather(const Gatherers& gatherers, MarchLanes& lanes, int bounc
 
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop,
                         bool keep_view, LightWork* work) const {
-  MarchLanes lanes = relief_.march_lanes(row, column, stride);
+  MarchLanes lanes = posts_in_row(relief_, row, column, stride);
   ArrivingLight arriving;
   // Rows of posts alternate between azimuths at 1/4 and at 3/4 of the step, halfway between each other.
   gather({0, row, column, stride, false, {azimuths_, row / stride % 2 ? 0.75 : 0.25}}, lanes, source_.bounces,

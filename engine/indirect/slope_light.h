@@ -1,9 +1,9 @@
 // Sunlight that terrain reflects onto terrain: the light at a point from all ground in its view. With more bounces that
 // ground also reflects the light of the bounces before.
 //
-// From each point, marches along azimuths (march.h) find the visible ground and its elevation. That view depends on no
-// light, so it is kept for other Suns. Integrals over elevation are exact for ground of one radiance per step; azimuths
-// are sampled, without random numbers.
+// From each point, marches along azimuths (engine/relief/ground_march.h) find the visible ground and its elevation.
+// That view depends on no light, so it is kept for other Suns. Integrals over elevation are exact for ground of one
+// radiance per step; azimuths are sampled, without random numbers.
 #pragma once
 
 #include <array>
@@ -17,8 +17,10 @@
 #include "dem/base/once.h"
 #include "dem/base/stop_token.h"
 #include "engine/frame/sun.h"
-#include "engine/indirect/relief.h"
+#include "engine/indirect/segment_light.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/relief/ground_march.h"
+#include "engine/relief/relief.h"
 #include "engine/support/content_key.h"
 
 namespace selenograph::engine {
@@ -59,17 +61,18 @@ double share_of_disc_above(double x);
 // A source in the sky of a relief: a uniform disc, or a point.
 class SkyDisc {
  public:
+  // The relief must outlive this object.
   SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg);
   const Vec3& direction() const { return direction_; }  // unit vector in the grids' axes
 
   // Sets the share of the disc that each point sees above its horizon; 0 without a height. Overwrites the lanes'
-  // direction. `grids`: those that may hide the disc; `stride`: see find_horizons().
-  void shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const;
+  // direction. `first_grid`: the finest grid that may hide the disc; `stride`: see find_horizon_ahead().
+  void shares(std::size_t first_grid, int stride, MarchLanes& lanes, float* share) const;
 
  private:
+  const Relief& relief_;
   Vec3 direction_;
   double radius_;  // angular, rad
-  MarchSphere sphere_;
 };
 
 // Keeps views of a relief's ground, under keys that begin with the relief's. Without `views` none are kept.
@@ -106,9 +109,8 @@ class SlopeLight {
  private:
   // Side of a square of cells that one call lights.
   static constexpr int kSquare = 16;
-  struct Ground {
-    GroundLight light;
-    int squares;  // squares per side
+  struct Squares {
+    int per_side;
     // Guards per square: `lit` for sunlight, `glows` for light from other ground, see GroundLight::glow.
     std::unique_ptr<dem::Once[]> lit;
     std::array<std::unique_ptr<dem::Once[]>, kMaxBounces - 1> glows;
@@ -160,8 +162,8 @@ class SlopeLight {
   double glow_of(double albedo) const;
   // Table of glow_of(): a single value, for albedo 1, or if the albedo is w, values at equal steps of sqrt(1 - w).
   std::vector<double> glows_;
-  mutable std::vector<Ground> ground_;
-  std::vector<GridView> grids_;
+  mutable std::vector<LitGrid> ground_;
+  std::vector<Squares> squares_;  // of each grid
 };
 
 }  // namespace selenograph::engine

@@ -1,8 +1,8 @@
 #include "engine/scene/light_tree.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dem/terrain/terrain.h"
 
@@ -19,33 +19,10 @@ LightTree::LightTree(const Sun& sun, const Vec3& up)
   v_ = sun_.cross(u_);
 }
 
-LightTree::Extent LightTree::extent_of(const NodeBounds& b) const {
-  Extent extent;
-  for (const Vec3& p : b.points) {
-    const double u = u_.dot(p), v = v_.dot(p), s = sun_.dot(p);
-    extent.u0 = std::min(extent.u0, u);
-    extent.u1 = std::max(extent.u1, u);
-    extent.v0 = std::min(extent.v0, v);
-    extent.v1 = std::max(extent.v1, v);
-    extent.s0 = std::min(extent.s0, s);
-    extent.s1 = std::max(extent.s1, s);
-  }
-  extent.u0 -= b.bulge_m;
-  extent.v0 -= b.bulge_m;
-  extent.s0 -= b.bulge_m;
-  extent.u1 += b.bulge_m;
-  extent.v1 += b.bulge_m;
-  extent.s1 += b.bulge_m;
-  return extent;
-}
-
-void LightTree::Extent::include(const Extent& extent) {
-  u0 = std::min(u0, extent.u0);
-  u1 = std::max(u1, extent.u1);
-  v0 = std::min(v0, extent.v0);
-  v1 = std::max(v1, extent.v1);
-  s0 = std::min(s0, extent.s0);
-  s1 = std::max(s1, extent.s1);
+LightTree::Box LightTree::box_of(const NodeBounds& b) const {
+  Box box;
+  for (const Vec3& p : b.points) box.extend(Vec3(u_.dot(p), v_.dot(p), sun_.dot(p)));
+  return {box.min().array() - b.bulge_m, box.max().array() + b.bulge_m};
 }
 
 // The highest relief is dark once the Sun is farther below the horizon than the dip from its top to the solid core.
@@ -57,7 +34,7 @@ bool LightTree::in_night(const NodeBounds& b) const {
 
 void LightTree::add_receiver(const NodeBounds& bounds, double pixels_per_metre) {
   if (in_night(bounds)) return;
-  receivers_.push_back({extent_of(bounds), pixels_per_metre});
+  receivers_.push_back({box_of(bounds), pixels_per_metre});
 }
 
 void LightTree::finish() {
@@ -71,7 +48,7 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
   const std::size_t index = nodes_.size();
   Node node;
   for (std::size_t i = first; i < first + count; ++i) {
-    node.extent.include(receivers_[i].extent);
+    node.box.extend(receivers_[i].box);
     node.pixels_per_metre = std::max(node.pixels_per_metre, receivers_[i].pixels_per_metre);
   }
   nodes_.push_back(node);
@@ -80,10 +57,8 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
     nodes_[index].receiver_count = count;
   } else {
     // Split at the median along the longer axis.
-    const bool along_u = node.extent.u1 - node.extent.u0 > node.extent.v1 - node.extent.v0;
-    const auto middle = [&](const Receiver& r) {
-      return along_u ? r.extent.u0 + r.extent.u1 : r.extent.v0 + r.extent.v1;
-    };
+    const int axis = node.box.sizes().x() > node.box.sizes().y() ? 0 : 1;
+    const auto middle = [&](const Receiver& r) { return r.box.min()[axis] + r.box.max()[axis]; };
     const auto begin = receivers_.begin() + static_cast<std::ptrdiff_t>(first);
     std::nth_element(begin, begin + static_cast<std::ptrdiff_t>(count / 2), begin + static_cast<std::ptrdiff_t>(count),
                      [&](const Receiver& a, const Receiver& b) { return middle(a) < middle(b); });
@@ -96,19 +71,15 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
 // Walks the tree in memory order, and steps over the descendants of a node that the occluder cannot shade.
 double LightTree::shaded_pixels_per_metre(const NodeBounds& bounds) const {
   if (receivers_.empty()) return 0;
-  Extent occluder = extent_of(bounds);
+  const Box occluder = box_of(bounds);
   // Widen the box by the shift of the shadow, on the farthest receiver, in light from the disc's rim.
-  const double shift_m = tan_radius_ * std::max(0.0, occluder.s1 - nodes_.front().extent.s0);
-  occluder.u0 -= shift_m;
-  occluder.u1 += shift_m;
-  occluder.v0 -= shift_m;
-  occluder.v1 += shift_m;
+  const double shift_m = tan_radius_ * std::max(0.0, occluder.max().z() - nodes_.front().box.min().z());
+  // Its shadow extends away from the Sun without end.
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const Box shadow(occluder.min() - Vec3(shift_m, shift_m, kInfinity), occluder.max() + Vec3(shift_m, shift_m, 0));
   double max_pixels_per_metre = 0;
-  // An occluder shades a receiver only if its sunward end s1 lies sunward of the receiver's far end s0.
   const auto may_be_shaded = [&](const auto& candidate) {
-    const Extent& r = candidate.extent;
-    return candidate.pixels_per_metre > max_pixels_per_metre && r.u0 <= occluder.u1 && r.u1 >= occluder.u0 &&
-           r.v0 <= occluder.v1 && r.v1 >= occluder.v0 && r.s0 < occluder.s1;
+    return candidate.pixels_per_metre > max_pixels_per_metre && candidate.box.intersects(shadow);
   };
   for (std::size_t i = 0; i < nodes_.size();) {
     const Node& node = nodes_[i];

@@ -4,7 +4,7 @@
 //
 //    v ^   +-----------+ branch          s ^
 //      |   | +--+      |                   |    #### occluder: its (u, v) box overlaps the receiver's,
-//      |   | |r1|  +-+ |                   |     ::   and its s1 (its sunward end) exceeds the receiver's s0
+//      |   | |r1|  +-+ |                   |     ::   and its sunward end is not below the receiver's lower one
 //      |   | +--+  +-+ |                   |     ::
 //      |   |      r2   |                   |    ____ receiver
 //      |   +-----------+                   |
@@ -14,6 +14,7 @@
 // others kilometres, so a regular grid would not do.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <vector>
 
 #include "engine/frame/sun.h"
@@ -37,24 +38,21 @@ class LightTree {
   double shaded_pixels_per_metre(const NodeBounds& bounds) const;
 
  private:
-  struct Extent {
-    double u0 = 1e300, u1 = -1e300, v0 = 1e300, v1 = -1e300, s0 = 1e300, s1 = -1e300;
-    void include(const Extent& extent);
-  };
+  using Box = Eigen::AlignedBox3d;  // u, v, s
   struct Receiver {
-    Extent extent;
+    Box box;
     double pixels_per_metre;
   };
   // Nodes are stored depth first: `past` is the index after a node's last descendant, where a traversal continues if it
   // skips the node.
   struct Node {
-    Extent extent;
+    Box box;
     double pixels_per_metre = 0;  // largest of its receivers
     std::size_t past = 0;
     std::size_t first_receiver = 0, receiver_count = 0;  // range of receivers_, for a leaf
   };
   // Returns the box of some bounds in light space.
-  Extent extent_of(const NodeBounds& bounds) const;
+  Box box_of(const NodeBounds& bounds) const;
   bool in_night(const NodeBounds& bounds) const;
   void add_node(std::size_t first, std::size_t count);
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "dem/base/parallel.h"
-#include "engine/horizons/horizon_relief.h"
 #include "engine/horizons/illumination.h"
+#include "engine/relief/horizon_plan.h"
 #include "tests/support/sample_scenery.h"
 
 namespace selenograph::engine {
@@ -19,15 +19,21 @@ namespace {
 // Height of the ground in a direction, m.
 using Ground = std::function<double(const Vec3&)>;
 
-HorizonRelief relief_of(const Ground& ground, const Vec3& centre, double spacing_m, double farthest_m) {
+Relief relief_of(const Ground& ground, const Vec3& centre, double spacing_m, double farthest_m) {
   const ReliefHeights heights = [&](double, std::span<const Vec3> directions, std::span<float> out) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(ground(directions[i]));
   };
-  return HorizonRelief({centre, 20, spacing_m, farthest_m}, heights, {});
+  return Relief({.centre = centre,
+                 .half_m = 20,
+                 .spacing_m = spacing_m,
+                 .farthest_m = farthest_m,
+                 .posts_per_distance = kHorizonPostsPerDistance,
+                 .void_height_m = kVoidHeight_m},
+                heights);
 }
 
 // Returns the horizons at the centre of a relief.
-std::vector<double> horizons_at_centre(const HorizonRelief& relief, int azimuths, double height_above_ground_m) {
+std::vector<double> horizons_at_centre(const Relief& relief, int azimuths, double height_above_ground_m) {
   MarchPlaces places{};
   for (int i = 0; i < kPacket; ++i) {
     places.north_y[i] = 1;
@@ -37,7 +43,7 @@ std::vector<double> horizons_at_centre(const HorizonRelief& relief, int azimuths
   }
   places.on_ground = height_above_ground_m == 0;
   std::vector<float> elevation_deg(static_cast<std::size_t>(azimuths) * kPacket);
-  find_horizons(relief.plan(), {&places, 1}, azimuths, elevation_deg.data());
+  find_horizons(plan_marches(relief, {}), {&places, 1}, azimuths, elevation_deg.data());
   std::vector<double> out;
   for (std::size_t i = 0; i < elevation_deg.size(); i += kPacket) out.push_back(static_cast<double>(elevation_deg[i]));
   return out;
@@ -64,7 +70,7 @@ const Vec3 kSite = to_cartesian({-60, 30, 0}).normalized(), kPole = Vec3(0, 0, -
 TEST(Horizons, DipOnALevelSphere) {
   for (const Vec3& centre : {kSite, kPole})
     for (const double height_m : {10.0, 300.0}) {
-      const HorizonRelief relief = relief_of([](const Vec3&) { return -1500.0; }, centre, 20, 6e4);
+      const Relief relief = relief_of([](const Vec3&) { return -1500.0; }, centre, 20, 6e4);
       const double radius_m = kMoonRadius_m - 1500;
       const double dip_deg = std::acos(radius_m / (radius_m + height_m)) * kDegreesPerRadian;
       for (const double elevation_deg : horizons_at_centre(relief, 24, height_m))
@@ -73,7 +79,7 @@ TEST(Horizons, DipOnALevelSphere) {
 }
 
 TEST(Horizons, LevelGroundIsItsOwnHorizon) {
-  const HorizonRelief relief = relief_of([](const Vec3&) { return 0.0; }, kSite, 20, 2e4);
+  const Relief relief = relief_of([](const Vec3&) { return 0.0; }, kSite, 20, 2e4);
   for (const double elevation_deg : horizons_at_centre(relief, 24, 0)) EXPECT_NEAR(elevation_deg, 0, 1e-4);
 }
 
@@ -87,7 +93,7 @@ TEST(Horizons, RidgesHideWhatIsBehindThem) {
     };
     return ridge(4000, 300, 400) + ridge(9000, 350, 500);
   };
-  const HorizonRelief relief = relief_of(ground, kSite, 10, 3e4);
+  const Relief relief = relief_of(ground, kSite, 10, 3e4);
   constexpr int kAzimuths = 36;
   const std::vector<double> found_deg = horizons_at_centre(relief, kAzimuths, 0);
   for (int a = 0; a < kAzimuths; ++a) {
@@ -125,7 +131,16 @@ TEST(Horizons, PlacesOnALatticeSeeTheSameGround) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(ground(directions[i]));
   };
   constexpr double kSpacing_m = 2, kLattice_m = 16, kTurn_rad = 0.4;
-  const HorizonRelief relief({kSite, 100, kSpacing_m, 2e4, kTurn_rad, 3}, heights, {});
+  const Relief relief({.centre = kSite,
+                       .half_m = 100,
+                       .spacing_m = kSpacing_m,
+                       .farthest_m = 2e4,
+                       .posts_per_distance = kHorizonPostsPerDistance,
+                       .turn_rad = kTurn_rad,
+                       .lattice_log2 = 3,
+                       .void_height_m = kVoidHeight_m},
+                      heights);
+  const MarchPlan plan = plan_marches(relief, {});
   MarchPlaces places{};
   const Eigen::Matrix3d from_moon = relief.axes();
   for (int i = 0; i < kPacket; ++i) {
@@ -146,13 +161,13 @@ TEST(Horizons, PlacesOnALatticeSeeTheSameGround) {
   const auto horizons = [&](bool on_lattice) {
     places.on_lattice = on_lattice;
     std::vector<float> elevation_deg(std::size_t{kAzimuths} * kPacket);
-    find_horizons(relief.plan(), {&places, 1}, kAzimuths, elevation_deg.data());
+    find_horizons(plan, {&places, 1}, kAzimuths, elevation_deg.data());
     return elevation_deg;
   };
   const std::vector<float> found = horizons(true), expected = horizons(false);
   for (std::size_t i = 0; i < found.size(); ++i) ASSERT_NEAR(found[i], expected[i], 2e-4) << i;
   // Grids of this relief are also coarser than the lattice, so that patches of posts are read, too.
-  EXPECT_GT(relief.plan().grids.size(), 4U);
+  EXPECT_GT(relief.grids().size(), 4U);
   const double truth_deg = brute_force_deg(
       ground,
       from_moon.transpose() *

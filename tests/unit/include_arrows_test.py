@@ -32,7 +32,7 @@ FLOORS = [
     *CAPABILITIES,
     "engine/cache", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
-    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera",
+    "engine/visibility/embree", "engine/indirect", "engine/relief", "engine/scene", "engine/radiometry", "engine/camera",
     "engine/frame", "engine/support",
     "dem/map_error", "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
     "dem/files", "dem/grid", "dem/base",

@@ -1,4 +1,4 @@
-#include "engine/indirect/terrain_heights.h"
+#include "engine/relief/terrain_heights.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,10 +1,10 @@
 // Arctangents of lanes, without fused operations: every vector width gives the same bits. For files that Highway
 // compiles once per width (dem/base/vector_targets.h): include it after hwy/highway.h, outside of any namespace.
-#if defined(SELENOGRAPH_ENGINE_HORIZONS_LANE_ANGLES_H_) == defined(HWY_TARGET_TOGGLE)
-#ifdef SELENOGRAPH_ENGINE_HORIZONS_LANE_ANGLES_H_
-#undef SELENOGRAPH_ENGINE_HORIZONS_LANE_ANGLES_H_
+#if defined(SELENOGRAPH_ENGINE_SUPPORT_LANE_ANGLES_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SELENOGRAPH_ENGINE_SUPPORT_LANE_ANGLES_H_
+#undef SELENOGRAPH_ENGINE_SUPPORT_LANE_ANGLES_H_
 #else
-#define SELENOGRAPH_ENGINE_HORIZONS_LANE_ANGLES_H_
+#define SELENOGRAPH_ENGINE_SUPPORT_LANE_ANGLES_H_
 #endif
 
 #include <hwy/highway.h>

@@ -1,4 +1,4 @@
-#include "engine/horizons/horizon_march.h"
+#include "engine/relief/horizon_march.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,20 +10,17 @@
 #include "dem/grid/geodesy.h"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "engine/horizons/horizon_march.cpp"
+#define HWY_TARGET_INCLUDE "engine/relief/horizon_march.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "engine/horizons/lane_angles.h"
+#include "engine/relief/cell_readers.h"
+#include "engine/support/lane_angles.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-
-using Sixteen = hn::CappedTag<float, kPacket>;
-using Lanes = hn::Vec<Sixteen>;
-inline constexpr int kLanes = static_cast<int>(HWY_MIN(HWY_LANES(float), kPacket));
 
 // Tangents at and below this value are not of any ground with data.
 inline constexpr float kNoGround = -1e3F;
@@ -32,94 +29,6 @@ inline constexpr float kNoGround = -1e3F;
 // (h / R)^2.
 HWY_INLINE Lanes NearOne(Sixteen d, Lanes height, float per_radius) {
   return hn::Sub(hn::Set(d, 1.F), hn::Mul(height, hn::Set(d, per_radius)));
-}
-
-// Four posts around each lane's position in a grid, and the lane's share of the way to the eastern and northern ones.
-struct CellCorners {
-  Lanes south_west, south_east, north_west, north_east;
-  Lanes east, north;
-};
-
-// Reads the cells of positions anywhere in a grid, post by post.
-HWY_INLINE CellCorners GatherCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row) {
-  const hn::Rebind<std::int32_t, Sixteen> di;
-  const auto whole_column = hn::ConvertTo(di, column), whole_row = hn::ConvertTo(di, row);
-  const auto line = hn::Mul(whole_row, hn::Set(di, grid.pitch));
-  const auto post_of = [&](hn::Vec<decltype(di)> c) {
-    const auto remainder = hn::And(c, hn::Set(di, (1 << grid.columns_log2) - 1));
-    return hn::Add(hn::Add(line, hn::Mul(remainder, hn::Set(di, grid.run))), hn::ShiftRightSame(c, grid.columns_log2));
-  };
-  const auto west = post_of(whole_column), east = post_of(hn::Add(whole_column, hn::Set(di, 1)));
-  const float* north_row = grid.heights + grid.pitch;
-  return {hn::GatherIndex(d, grid.heights, west),
-          hn::GatherIndex(d, grid.heights, east),
-          hn::GatherIndex(d, north_row, west),
-          hn::GatherIndex(d, north_row, east),
-          hn::Sub(column, hn::ConvertTo(d, whole_column)),
-          hn::Sub(row, hn::ConvertTo(d, whole_row))};
-}
-
-// Loads rows of four lanes, `step` posts apart.
-template <class D>
-HWY_INLINE hn::Vec<D> LoadRowsOfFour(D d, const float* first, [[maybe_unused]] std::ptrdiff_t step) {
-#if HWY_TARGET != HWY_SCALAR  // which has no Combine()
-  if constexpr (constexpr auto kCount = static_cast<std::ptrdiff_t>(hn::MaxLanes(D())); kCount > 4) {
-    const hn::Half<D> half;
-    return hn::Combine(d, LoadRowsOfFour(half, first + kCount / 8 * step, step), LoadRowsOfFour(half, first, step));
-  } else
-#endif
-    return hn::LoadU(d, first);
-}
-
-// Reads the cells of places on the lattice, given by the position of lane 0, for the lanes from `i` on.
-HWY_INLINE CellCorners LatticeCells(Sixteen d, const MarchGrid& grid, float column, float row, int i) {
-  const int whole_column = static_cast<int>(column), whole_row = static_cast<int>(row);
-  const int mask = (1 << grid.columns_log2) - 1;
-  const float* line = grid.heights + static_cast<std::ptrdiff_t>(whole_row) * grid.pitch;
-  const auto post_of = [&](int c) { return line + (c & mask) * grid.run + (c >> grid.columns_log2); };
-  const float *west = post_of(whole_column), *east = post_of(whole_column + 1);
-  // Lanes are in rows of four, the next row south of the one before.
-  const std::ptrdiff_t step = -(static_cast<std::ptrdiff_t>(grid.pitch) << grid.columns_log2);
-  const std::ptrdiff_t offset = i / 4 * step + i % 4;
-  return {LoadRowsOfFour(d, west + offset, step),
-          LoadRowsOfFour(d, east + offset, step),
-          LoadRowsOfFour(d, west + grid.pitch + offset, step),
-          LoadRowsOfFour(d, east + grid.pitch + offset, step),
-          hn::Set(d, column - static_cast<float>(whole_column)),
-          hn::Set(d, row - static_cast<float>(whole_row))};
-}
-
-// Looks lanes up in 4 x 4 posts, given by the index of each lane's post.
-template <class D, class I>
-HWY_INLINE hn::Vec<D> LookUp(D d, const float* posts, std::ptrdiff_t pitch, I index) {
-  const auto low = LoadRowsOfFour(d, posts, pitch);
-  if constexpr (hn::MaxLanes(D()) == 16) {
-    return hn::TableLookupLanes(low, hn::IndicesFromVec(d, index));
-  } else {
-    const hn::Rebind<std::int32_t, D> di;
-    const auto last = hn::Set(di, static_cast<int>(hn::MaxLanes(d)) - 1);
-    const auto index_in_half = hn::IndicesFromVec(d, hn::And(index, last));
-    const auto high = LoadRowsOfFour(d, posts + hn::MaxLanes(d) / 4 * pitch, pitch);
-    return hn::IfThenElse(hn::RebindMask(d, hn::Gt(index, last)), hn::TableLookupLanes(high, index_in_half),
-                          hn::TableLookupLanes(low, index_in_half));
-  }
-}
-
-// Reads the cells of positions within 4 x 4 posts, the south-western one of which is at `first_column`, `first_row`.
-HWY_INLINE CellCorners PatchCells(Sixteen d, const MarchGrid& grid, Lanes column, Lanes row, int first_column,
-                                  int first_row) {
-  const hn::Rebind<std::int32_t, Sixteen> di;
-  const auto whole_column = hn::ConvertTo(di, column), whole_row = hn::ConvertTo(di, row);
-  const auto post = hn::Add(hn::ShiftLeft<2>(hn::Sub(whole_row, hn::Set(di, first_row))),
-                            hn::Sub(whole_column, hn::Set(di, first_column)));
-  const float* posts = grid.heights + static_cast<std::ptrdiff_t>(first_row) * grid.pitch + first_column;
-  const auto corner = [&](int offset) { return LookUp(d, posts, grid.pitch, hn::Add(post, hn::Set(di, offset))); };
-  return {corner(0),
-          corner(1),
-          corner(4),
-          corner(5),
-          hn::Sub(column, hn::ConvertTo(d, whole_column)),
-          hn::Sub(row, hn::ConvertTo(d, whole_row))};
 }
 
 HWY_INLINE Lanes Between(Lanes from, Lanes to, Lanes share) { return hn::Add(from, hn::Mul(share, hn::Sub(to, from))); }
@@ -135,7 +44,7 @@ struct Bound {
 enum class Reader {
   gather,   // post by post
   patch,    // from the 4 x 4 posts that hold all cells
-  lattice,  // four adjacent posts at a time: places are on the lattice, see MarchGrid
+  lattice,  // four adjacent posts at a time: places are on the lattice, see ReliefGrid
 };
 
 struct ChosenTables {
@@ -177,7 +86,7 @@ ChosenTables ChooseTables(const MarchPlan& plan, std::span<const MarchPlaces> pa
     return {nullptr, false};
   };
   const auto reader_of = [&](int grid_index, float far_m) {
-    const MarchGrid& grid = plan.grids[static_cast<std::size_t>(grid_index)];
+    const ReliefGrid& grid = plan.grids[static_cast<std::size_t>(grid_index)];
     const float turn_posts = turn * far_m * grid.posts_per_m;
     // On the lattice all lanes are read along their mean direction: outer ones are aside by half of this.
     constexpr float kMaxTurn_posts = 0.5F;
@@ -237,7 +146,7 @@ class PacketMarch {
   // Sets the horizon at distance 0: the slope of the ground ahead of the place, or none for an eye above the ground.
   void begin() {
     const Sixteen d;
-    const MarchGrid& grid = plan_.grids.front();
+    const ReliefGrid& grid = plan_.grids.front();
     constexpr float kAhead_posts = 1.F / 64;  // selects the cell ahead of a place on a border of cells
     const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle),
                 ahead = hn::Set(d, kAhead_posts);
@@ -266,12 +175,12 @@ class PacketMarch {
   }
 
   // Returns the position in a grid of lane 0 on the lattice.
-  static float on_post(float x_m, const MarchGrid& grid) { return std::round(x_m * grid.posts_per_m + grid.middle); }
-  float lattice_column(const MarchGrid& grid) const { return on_post(places_.x[0], grid); }
-  float lattice_row(const MarchGrid& grid) const { return on_post(places_.y[0], grid); }
+  static float on_post(float x_m, const ReliefGrid& grid) { return std::round(x_m * grid.posts_per_m + grid.middle); }
+  float lattice_column(const ReliefGrid& grid) const { return on_post(places_.x[0], grid); }
+  float lattice_row(const ReliefGrid& grid) const { return on_post(places_.y[0], grid); }
 
   // Raises the horizons to samples of a grid. Returns true if any lane's rose.
-  bool read(const MarchGrid& grid, Reader reader, int first, int past_last) {
+  bool read(const ReliefGrid& grid, Reader reader, int first, int past_last) {
     switch (reader) {
       case Reader::lattice:
         return read_on_lattice(grid, first, past_last);
@@ -303,7 +212,7 @@ class PacketMarch {
     return rose;
   }
 
-  bool read_on_lattice(const MarchGrid& grid, int first, int past_last) {
+  bool read_on_lattice(const ReliefGrid& grid, int first, int past_last) {
     const Sixteen d;
     const float column = lattice_column(grid), row = lattice_row(grid);
     const float columns_per_m = middle_dx_ * grid.posts_per_m, rows_per_m = middle_dy_ * grid.posts_per_m;
@@ -324,7 +233,7 @@ class PacketMarch {
   }
 
   template <bool kPatch>
-  bool read_at_lanes(const MarchGrid& grid, int first, int past_last) {
+  bool read_at_lanes(const ReliefGrid& grid, int first, int past_last) {
     const Sixteen d;
     const Lanes scale = hn::Set(d, grid.posts_per_m), middle = hn::Set(d, grid.middle), unity = hn::Set(d, 1.F);
     bool rose = false;
@@ -360,7 +269,7 @@ class PacketMarch {
   }
 
   // Returns the index of the table's cell around the middle of a segment, as the first lane sees it.
-  std::size_t first_cell(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table) const {
+  std::size_t first_cell(const MarchSegment& segment, const ReliefGrid& grid, const HighestPosts& table) const {
     const float w = k_[0] * segment.tan_middle, distance = segment.middle_m * (1 - w * (1 - w));
     const float column = (places_.x[0] + dx_[0] * distance) * grid.posts_per_m + grid.middle;
     const float row = (places_.y[0] + dy_[0] * distance) * grid.posts_per_m + grid.middle;
@@ -368,7 +277,7 @@ class PacketMarch {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(table.side) + static_cast<std::size_t>(i);
   }
   // Returns the values of the cells around the middle of a segment, as each lane from `i` on sees it.
-  HWY_INLINE Lanes TopsOfLanes(const MarchSegment& segment, const MarchGrid& grid, const HighestPosts& table,
+  HWY_INLINE Lanes TopsOfLanes(const MarchSegment& segment, const ReliefGrid& grid, const HighestPosts& table,
                                int i) const {
     const Sixteen d;
     const hn::Rebind<std::int32_t, Sixteen> di;
@@ -385,7 +294,7 @@ class PacketMarch {
 
   // Returns true if ground of a segment may be above any lane's horizon by more than the tolerance.
   bool may_rise(const MarchSegment& segment, const Bound& bound) const {
-    const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
+    const ReliefGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
     float top = grid.highest_m;
     if (bound.table && !bound.of_lanes) top = bound.table->heights[first_cell(segment, grid, *bound.table)];
     const Sixteen d;
@@ -405,7 +314,7 @@ class PacketMarch {
   // Reads a segment, or those of its parts that may rise. Returns true if any lane's horizon rose.
   bool visit(std::size_t index) {
     const MarchSegment& segment = plan_.segments[index];
-    const MarchGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
+    const ReliefGrid& grid = plan_.grids[static_cast<std::size_t>(segment.grid)];
     if (segment.first_part == segment.past_last_part)
       return read(grid, tables_.readers[index], segment.first, segment.past_last);
     bool rose = false;

@@ -3,7 +3,7 @@
 
 #include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
-#include "engine/indirect/relief.h"
+#include "engine/relief/relief.h"
 
 namespace selenograph::engine {
 
