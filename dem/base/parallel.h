@@ -9,67 +9,33 @@
 // between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.
 #pragma once
 
-#ifndef __SANITIZE_THREAD__
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_group.h>
-#endif
 #include <tbb/task_arena.h>
 
-#include <algorithm>
 #include <atomic>
 #include <cstddef>
-#include <exception>
 #include <mutex>
 #include <optional>
-#include <thread>
 #include <utility>
 #include <vector>
 
 namespace selenograph {
 
-#ifdef __SANITIZE_THREAD__
-// Calls body(first, past_last) for pieces of `grain` indices up to `count`, on the calling thread and three others.
-// Rethrows an exception of a body after all threads have ended; the remaining pieces are then skipped.
-template <typename Body>
-void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  constexpr std::size_t kThreads = 4;
-  std::atomic<std::size_t> next{0};
-  std::mutex mutex;
-  std::exception_ptr thrown;
-  const auto work = [&] {
-    try {
-      // Take the next piece with relaxed order: the pieces of a loop are independent of each other.
-      for (std::size_t first; (first = next.fetch_add(grain, std::memory_order_relaxed)) < count;)
-        body(first, std::min(first + grain, count));
-    } catch (...) {
-      const std::lock_guard lock(mutex);
-      thrown = std::current_exception();
-      next.store(count, std::memory_order_relaxed);
-    }
-  };
-  std::vector<std::thread> helpers;
-  helpers.reserve(kThreads);
-  try {
-    for (std::size_t i = 1; i < std::min(kThreads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
-  } catch (const std::exception&) {
-    // The system has no more threads or memory: the threads started so far do all the work.
-  }
-  work();
-  for (std::thread& helper : helpers) helper.join();
-  if (thrown) std::rethrow_exception(thrown);
-}
+// Refers to a callable, which must outlive it. Loops take their bodies so: a template would compile oneTBB's loop for
+// each of them.
+template <typename... Arguments>
+class BodyRef {
+ public:
+  template <typename Body>
+  BodyRef(const Body& body)  // NOLINT(google-explicit-constructor): a body is what callers pass
+      : body_(&body),
+        call_([](const void* of, Arguments... arguments) { (*static_cast<const Body*>(of))(arguments...); }) {}
+  void operator()(Arguments... arguments) const { call_(body_, arguments...); }
 
-template <typename Body>
-auto in_arena(tbb::task_arena&, const Body& body) {
-  return body();
-}
+ private:
+  const void* body_;
+  void (*call_)(const void*, Arguments...);
+};
 
-template <typename Body>
-void where_loops_run(const Body& body) {
-  body();
-}
-#else
 // Arena of the calling thread's loops; null: the arena that it is in.
 inline thread_local tbb::task_arena* arena_of_loops = nullptr;
 
@@ -96,29 +62,11 @@ auto in_arena(tbb::task_arena& arena, const Body& body) {
 
 // Calls body() as a loop would run: in the caller's arena, isolated, possibly on another thread. For libraries that
 // have loops of their own, and for work that must own a slot before it starts.
-template <typename Body>
-void where_loops_run(const Body& body) {
-  const ArenaOfLoops current(nullptr);
-  const auto isolated = [&] { tbb::this_task_arena::isolate(body); };
-  if (current.before())
-    current.before()->execute(isolated);
-  else
-    isolated();
-}
+void where_loops_run(BodyRef<> body);
 
 // Calls body(first, past_last) for pieces of 0 .. count of at least `grain`. Returns when all pieces are done, or
-// throws an exception of one of them. The loop has its own context: with a shared one, oneTBB would skip pieces of a
-// nested loop in a body that has thrown, and return as if they were done.
-template <typename Body>
-void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  where_loops_run([&] {
-    tbb::task_group_context context(tbb::task_group_context::isolated);
-    tbb::parallel_for(
-        tbb::blocked_range<std::size_t>(0, count, grain),
-        [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); }, context);
-  });
-}
-#endif
+// throws an exception of one of them.
+void in_parallel_pieces(std::size_t count, std::size_t grain, BodyRef<std::size_t, std::size_t> body);
 
 // Calls body(i) for every i below count.
 template <typename Body>
