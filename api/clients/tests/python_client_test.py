@@ -843,15 +843,14 @@ class Readme(unittest.TestCase):
         self.assertLess(namespace["state"]["height_m"], 5000)
 
     def test_a_campaign_is_planned(self):
-        """The block of deploy/campaigns/campaigns.md with fewer flights, three of its frames and a map by the commands."""
-        with open(os.path.join(REPOSITORY, "deploy", "campaigns", "campaigns.md")) as file:
-            section = file.read().split("## 200 flights with a wrong map")[1]
-        block = re.search(r"^```python\n(.*?)^```", section, re.M | re.S)[1]
+        """deploy/examples/flights.py of deploy/campaigns/campaigns.md with fewer flights, three frames and a map of it."""
+        with open(os.path.join(REPOSITORY, "deploy", "examples", "flights.py")) as file:
+            program = file.read()
         self.addCleanup(os.chdir, os.getcwd())
         os.makedirs(harness.path("campaign"))
         os.chdir(harness.path("campaign"))
         plan = {}
-        exec(block.replace("http://127.0.0.1:8080", url()).replace("FLIGHTS = 200", "FLIGHTS = 2"), plan)
+        exec(program.replace("http://127.0.0.1:8080", url()).replace("FLIGHTS = 200", "FLIGHTS = 2"), plan)
         plan["client"].close()
         with open("flights.jsonl") as file:
             lines = [json.loads(line) for line in file]

@@ -1,7 +1,6 @@
 """Plots and tables of what the other commands wrote."""
 
 import json
-import re
 import textwrap
 
 import matplotlib
@@ -17,7 +16,6 @@ EDGES_M = (0, 150, 300, 700, 1500, 3000, 5000, 8000, 12000, 14000, 20000)
 STYLE = {"font.size": 8, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
          "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 80}
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"
-BEGIN, END = "<!-- written by `run report`: begin -->\n", "<!-- written by `run report`: end -->\n"
 
 
 def draw(folder):
@@ -38,33 +36,20 @@ def draw(folder):
     return report
 
 
-def publish(work, here):
-    """Plots and tables into results.md, of the scenarios that have been flown; what the page has of others stays."""
-    page = here / "results.md"
-    before, rest = page.read_text().split(BEGIN)
-    old, after = rest.split(END)
+def publish(work):
+    """Writes report.md into `work`: plots and tables of the scenarios that have been flown there."""
     text = []
     for folder in sorted(path.parent for path in work.glob("*/report.json")):
         tables = draw(folder)
         for name in ("monte-carlo", "sweep"):
             if tables.get(name):
-                plot = f"results/{folder.name}-{name}.png"
-                (here / plot).parent.mkdir(exist_ok=True)
-                (here / plot).write_bytes((folder / f"{name}.png").read_bytes())
                 text += _monte_carlo_page(tables[name]) if name == "monte-carlo" else _sweep_page(tables[name], folder)
-                text += [f"![{folder.name}: {name}]({plot})", ""]
+                text += [f"![{folder.name}: {name}]({folder.name}/{name}.png)", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
         if tables.get("map-errors"):
             text += _map_errors_page(tables["map-errors"], folder)
-    sections = _sections(old) | _sections("\n".join(line for long in text for line in _lines(long)))
-    page.write_text(before + BEGIN + "\n".join(sections.values()) + END + after)
-
-
-def _sections(text):
-    """By heading, without numbers: "### short: 20 flights" takes the place of ten."""
-    return {re.sub(r"\d+", "", section.split("\n")[0]): section.strip("\n") + "\n"
-            for section in re.split(r"^(?=### )", text, flags=re.M) if section.strip()}
+    (work / "report.md").write_text("\n".join(line for long in text for line in _lines(long)))
 
 
 def _lines(text):
