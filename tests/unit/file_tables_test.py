@@ -29,17 +29,20 @@ def folders(root):
     return found
 
 
+# What a row leaves out: a parenthesis, and a clause that explains.
+ASIDE = re.compile(r" \(.*|, (?:which|because|as|where|so|whose|of which)\b.*")
+
+
 def first_sentence(file):
-    """The comment at the top of a file, up to its first period or semicolon, or to a colon after more than three words."""
+    """What the comment at the top of a file begins with, up to a period, or to a colon after more than three words."""
     comment = []
     for line in file.read_text(encoding="utf-8").splitlines():
         if not line.startswith("//"):
             break
         comment.append(line[2:].strip())
-    sentence = re.split(r"[.;](?:\s|$)", " ".join(comment))[0]
-    start, _, rest = sentence.partition(": ")
-    is_short = len(start.split()) <= 3 or start.count("(") > start.count(")")
-    return (sentence if is_short else start).rstrip(":").replace("|", "\\|")
+    sentence = ASIDE.sub("", re.split(r"[.;](?:\s|$)", " ".join(comment))[0])
+    start = sentence.partition(": ")[0]
+    return (start if len(start.split()) > 3 else sentence).rstrip(":").replace("|", "\\|")
 
 
 def table(pairs):
@@ -76,7 +79,7 @@ class FileTables(unittest.TestCase):
         files = {
             "dem/a/one.h": "// One thing: its\n// parts; more.\n#pragma once\n",
             "dem/a/one.cpp": "// Not this.\n",
-            "dem/a/two.cpp": "// Two things\n// in a row: more.\n",
+            "dem/a/two.cpp": "// Two things\n// in a row, which are two: more.\n",
             "dem/a/README.md": "# a\n\n" + HEAD + "| `gone` | what went |\n\nText.\n",
             "dem/b/one.h": "// Alone.\n",
         }
