@@ -321,60 +321,6 @@ TEST_F(ObjectsOverTerrain, VerticesFarFromTheMeshOrigin) {
   }
 }
 
-// Rays through a frame's pixels meet what the frame shows there, and it is as lit; landmarks behind an object are
-// hidden.
-TEST_F(ObjectsOverTerrain, RaysAndLandmarksSeeObjects) {
-  for (const double radius_deg : {0.0, 0.2666}) {
-    FrameRequest r = request(10, 14);
-    r.visibility = Visibility::raytrace;
-    r.sun.angular_radius_deg = radius_deg;
-    r.products = kRange | kObjectId | kLit | kGeodetic;
-    const FrameProducts p = scenery().renderer->render(r).products;
-    const View view(r.camera, r.pose);
-    std::vector<Ray> rays;
-    for (int y = 0; y < 160; ++y)
-      for (int x = 0; x < 160; ++x)
-        rays.push_back({view.position(), view.ray(static_cast<double>(x), static_cast<double>(y))->normalized()});
-    const auto hits = test::cast_rays(*scenery().renderer, rays, r.sun, r.objects);
-    std::size_t on_objects = 0, apart = 0, shaded_by_objects = 0;
-    const auto alone = test::cast_rays(*scenery().renderer, rays, r.sun);
-    for (std::size_t i = 0; i < hits.size(); ++i) {
-      ASSERT_EQ(hits[i].object.value_or(65535), p.object_id[i]) << i;
-      ASSERT_EQ(hits[i].hit, !std::isnan(p.range[i]));
-      if (!hits[i].hit) continue;
-      ASSERT_NEAR(hits[i].range_m, p.range[i], 0.02);
-      on_objects += hits[i].object.has_value();
-      apart += std::abs(hits[i].lit - static_cast<double>(p.lit[i])) > 0.02;
-      shaded_by_objects += !hits[i].object && hits[i].lit < alone[i].lit - 0.5;
-    }
-    EXPECT_GT(on_objects, 500U);
-    EXPECT_GT(shaded_by_objects, 50U);
-    EXPECT_LT(apart, 20U) << "along edges";
-
-    // The ground along the rays that end on an object is hidden, but for it the same is seen.
-    std::vector<LandmarkQuery> places;
-    std::vector<std::size_t> of;
-    for (std::size_t i = 0; i < hits.size(); i += 7) {
-      if (!alone[i].hit) continue;
-      const Geographic g = to_geographic(alone[i].position_m);
-      places.push_back({g.lat_deg, g.lon_deg, {}}), of.push_back(i);
-    }
-    const auto seen = test::project_landmarks(*scenery().renderer, r, places, r.sun);
-    FrameRequest without_objects = r;
-    without_objects.objects.clear();
-    const auto before = test::project_landmarks(*scenery().renderer, without_objects, places, r.sun);
-    std::size_t hidden = 0, wrong = 0;
-    for (std::size_t k = 0; k < places.size(); ++k) {
-      const bool behind = hits[of[k]].object.has_value();
-      wrong += before[k].visible && seen[k].visible == behind;
-      hidden += behind;
-      if (!behind) wrong += std::abs(seen[k].lit - hits[of[k]].lit) > 0.3;
-    }
-    EXPECT_GT(hidden, 50U);
-    EXPECT_LT(wrong, places.size() / 200 + 3) << "of " << places.size() << ", along edges";
-  }
-}
-
 // A corner that a damaged file puts 1e10 m away: what else there is of the object stays, to the last bit of its range.
 TEST_F(ObjectsOverTerrain, DistantVertexHidesNothing) {
   FrameRequest r = request(10, 14);

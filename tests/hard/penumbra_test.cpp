@@ -206,9 +206,9 @@ class PenumbraView {
  public:
   PenumbraView(const Scenery& scenery, const Seen& seen, double elevation)
       : judge_(*scenery.judge), tilt_deg_(seen.tilt_deg), elevation_(elevation) {
-    constexpr int kSide = 384;
+    const int side = full_effort() ? 384 : 224;
     const Vec3 from = to_cartesian({seen.lat_deg, seen.lon_deg, seen.height_m});
-    request_ = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
+    request_ = square_view(engine::tilted_pose(from, seen.tilt_deg), side, seen.fov_deg,
                            engine::sun_direction(local_axes(from), 115, elevation));
     request_.sun.angular_radius_deg = 0.2666;
     request_.products = engine::kPosition | engine::kNormal | engine::kLit;

@@ -24,7 +24,7 @@
 namespace selenograph::test {
 namespace {
 
-const int kReferenceSide = full_effort() ? 256 : 160;  // pixels
+const int kReferenceSide = full_effort() ? 256 : 128;  // pixels
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
 // ---- the judge itself ----------------------------------------------------------------------------------------------

@@ -305,17 +305,6 @@ TEST_F(RowTimes, ARollingShuttersRowsAreThoseOfCamerasAtRest) {
   expect_rows_of_cameras_at_rest(renderer(), moving, {0, 50, 95});
 }
 
-// From row to row by more than the image is high: 30 km in all.
-TEST_F(RowTimes, RollingShutterOverALongFlight) {
-  FrameRequest moving = request(96, 96);
-  moving.image.full_scale_radiance_w_m2_sr = 30;
-  moving.shutter.emplace();
-  moving.shutter->line_time_s = 0.2;
-  moving.products = kAllProducts & ~kSource;  // the frame as a whole lists more tiles than a row's, in another order
-  moving.shutter->rates = {Vec3(0, 0, 1), 1600 * north()};
-  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 20, 60, 95});
-}
-
 // An object that stands in the way of some rows, and a map whose values are means over what each pixel covers.
 FrameRequest with_object_and_map(FrameRequest request, const Vec3& north, const test::TemporaryFolder& folder) {
   constexpr int kSide = 1500;
@@ -421,12 +410,6 @@ void expect_closure(const Renderer& renderer, const FrameRequest& request) {
   std::printf("closure: x %.2g px, y %.2g px, visible %.4f, lit alike %.4f, %zu triangles, lod %.3f px\n", off_x, off_y,
               static_cast<double>(visible) / all, static_cast<double>(of_same_light) / all, frame.report.triangles,
               frame.report.lod_error_px);
-}
-
-TEST_F(RowTimes, AStripClosesAtConstantVelocity) {
-  FrameRequest r = strip(request(64, 64));
-  r.shutter->rates = {Vec3::Zero(), 1600 * north()};
-  expect_closure(renderer(), r);
 }
 
 TEST_F(RowTimes, AStripClosesWhileTheCameraTurns) {

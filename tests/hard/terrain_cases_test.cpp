@@ -395,42 +395,6 @@ TEST(HardTerrain, AVoidOfOnePost) {
   EXPECT_NEAR(height.height_m, mean, 1e-3);
 }
 
-TEST(HardTerrain, AVoidOfAWholeTile) {
-  TemporaryFolder folder;
-  for (const int top : {12, 11, 10})
-    for (const int west : {20, 21, 22})
-      write_kaguya_tile(folder.path(), top, west, 1, 256, crags,
-                        [=](double, double) { return top == 11 && west == 21; });
-  const Scenery scenery(folder.path());
-  const FrameRequest request = nadir_view({10.5, 21.5, 40000}, 120, 70, local_sun(10.5, 21.5, 300, 10));
-  const Frame frame = scenery.renderer->render(request);
-  std::size_t inside = 0, holes_outside = 0, made_up = 0;
-  double worst = 0;
-  for (std::size_t i = 0; i < frame.products.depth.size(); ++i) {
-    const Geographic datum = *datum_place(request, i);
-    const bool hit = !std::isnan(frame.products.depth[i]);
-    // Relief of 400 m, 35 degrees aside, is 2.4 posts; the void's own quads reach a post beyond it.
-    const double u = (datum.lon_deg - 21) * 256, v = (datum.lat_deg - 10) * 256;
-    const double deep = std::min({u, 256 - u, v, 256 - v});  // posts from the void's border, inwards
-    inside += deep > 4;
-    made_up += deep > 4 && hit;
-    holes_outside += deep < -4 && !hit;
-    if (!hit) continue;
-    const auto height = scenery.judge->height_above_surface(at3(frame.products.position, i));
-    if (height) worst = std::max(worst, std::abs(*height));
-  }
-  fmt::print("void of a whole tile: {} pixels in it, {} of them made up, {} holes outside, others within {:.1e} m\n",
-             inside, made_up, holes_outside, worst);
-  EXPECT_GT(inside, 1000u);
-  EXPECT_EQ(made_up, 0u) << "256 posts are beyond what is filled";
-  EXPECT_EQ(holes_outside, 0u);
-  EXPECT_LT(worst, 1e-6);
-  EXPECT_EQ(frame.report.filled_fraction, 0);
-  EXPECT_NEAR(frame.report.hit_fraction + frame.report.missing_fraction, 1, 1e-12);
-  EXPECT_NEAR(frame.report.missing_fraction * 120 * 120, static_cast<double>(inside),
-              0.1 * static_cast<double>(inside));
-}
-
 // ---- spikes and walls ----------------------------------------------------------------------------------------------
 
 // Pairs of neighbouring posts at +9000 and -9000 m, along a row, a column and both diagonals: slopes of 89.9 degrees.

@@ -258,45 +258,5 @@ TEST(StrongLenses, OneRayPerPixelUpToTheFold) {
   EXPECT_GT(masked, 3000u);
 }
 
-// The same through frames: what is hit lies where its pixel looks.
-TEST_F(HardViews, FramesThroughFoldedLenses) {
-  double worst_px = 0;
-  std::size_t hits = 0, masked = 0;
-  for (const Distortion& d : {Distortion{-0.45, 0, 0, 0, 0}, Distortion{-0.3, 0, 0, 0.1, -0.1},
-                              Distortion{0.5, -0.8, 0, 0, 0}, Distortion{0, 0, 0, 0.2, 0.1}}) {
-    const Lens lens{d};
-    FrameRequest request = nadir_view({40.5, 70.5, 8000}, 96, 75, sun(120, 12));
-    request.camera.distortion = d;
-    const Frame frame = renderer().render(request);
-    const Eigen::Matrix3d camera_from_moon = request.pose.camera_from_moon.toRotationMatrix();
-    for (int y = 0; y < 96; ++y)
-      for (int x = 0; x < 96; ++x) {
-        const auto i = static_cast<std::size_t>(y * 96 + x);
-        const double xd = (x - request.camera.cx) / request.camera.fx, yd = (y - request.camera.cy) / request.camera.fy;
-        if (std::isnan(frame.products.depth[i])) {
-          ++masked;
-          ASSERT_EQ(frame.products.radiance[i], 0.F);
-          ASSERT_TRUE(std::isnan(frame.products.lit[i]));
-          if (const auto place = lens.walked_to(xd, yd)) {
-            // This side of the fold only what looks past the data, 15 km to all sides.
-            ASSERT_GT(std::hypot(place->first, place->second) * 8000, 10000) << x << ' ' << y;
-          }
-          continue;
-        }
-        ++hits;
-        const Vec3 c = camera_from_moon * (at3(frame.products.position, i) - request.pose.position_m);
-        const auto [fx, fy] = lens.forward(c.x() / c.z(), c.y() / c.z());
-        worst_px = std::max(worst_px, request.camera.fx * std::hypot(fx - xd, fy - yd));
-        const auto height = judge().height_above_surface(at3(frame.products.position, i));
-        ASSERT_TRUE(height.has_value());
-        ASSERT_NEAR(*height, 0, 1e-6);
-      }
-  }
-  fmt::print("{} pixels come back to their centres within {:.1e} px, {} are masked\n", hits, worst_px, masked);
-  EXPECT_LT(worst_px, 1e-6);
-  EXPECT_GT(hits, 10000u);
-  EXPECT_GT(masked, 1000u);
-}
-
 }  // namespace
 }  // namespace selenograph::test

@@ -160,44 +160,6 @@ TEST(TwoWaysOverHadley, AreRightAtTheFootOfSlopes) {
   EXPECT_EQ(found.rays_wrong, 0U);
 }
 
-// However many the z-buffer draws at once: of 9 one after the other, of 4 all, of 16 four; through a lens, too.
-TEST_F(TwoWays, SubPixelSamplesAreTheSameMean) {
-  const Vec3 from = to_cartesian({-10, 44, 20000});
-  engine::FrameRequest request = nadir_view({-10, 44, 20000}, 96, 20, engine::sun_direction(local_axes(from), 100, 12));
-  for (const engine::Distortion& lens : {engine::Distortion{}, engine::Distortion{-0.3, 0.1, -0.01, 0, 0}})
-    for (const int samples : {4, 9, 16}) {
-      request.camera.distortion = lens;
-      request.products = engine::kRadiance | engine::kLit;
-      request.accuracy = {.max_error_px = 0.25, .samples_per_pixel = samples};
-      request.visibility = engine::Visibility::raytrace;
-      const engine::Frame rays = scenery().renderer->render(request);
-      request.visibility = engine::Visibility::zbuffer;
-      const engine::Frame drawn = scenery().renderer->render(request);
-      const float largest = *std::max_element(drawn.products.radiance.begin(), drawn.products.radiance.end());
-      EXPECT_GT(largest, 0);
-      // Samples drawn at once are not added in the order of rays; a shadow's edge on a sample's other side is more.
-      std::size_t different = 0;
-      for (std::size_t i = 0; i < rays.products.radiance.size(); ++i)
-        different += !(std::abs(rays.products.radiance[i] - drawn.products.radiance[i]) <= 1e-5F * largest);
-      EXPECT_LE(different * 100, rays.products.radiance.size()) << samples << " samples";
-      // Radiance alone is the same; and what is a pixel centre's does not depend on samples.
-      request.products = engine::kRadiance;
-      const engine::Frame alone = scenery().renderer->render(request);
-      EXPECT_EQ(alone.products.radiance, drawn.products.radiance);
-      EXPECT_NEAR(alone.report.hit_fraction, drawn.report.hit_fraction, 1e-3);
-      EXPECT_EQ(alone.report.sources.size(), drawn.report.sources.size());
-      if (samples == 4) {  // what sees nothing are the same quarters of pixels as by rays
-        engine::FrameRequest quarters = request;
-        quarters.camera = engine::dense_camera(request.camera);
-        quarters.accuracy = {.max_error_px = 0.5, .max_shadow_error_px = 2 * engine::Accuracy::kDefaultShadowError_px};
-        quarters.visibility = engine::Visibility::raytrace;
-        EXPECT_EQ(alone.report.hit_fraction, scenery().renderer->render(quarters).report.hit_fraction);
-      }
-      request.products = engine::kLit;
-      EXPECT_EQ(scenery().renderer->render(request).products.lit, drawn.products.lit);
-    }
-}
-
 // Beside the edge of the data rays look again where they find nothing, and mostly find nothing again: what the others
 // of their packet see stays as it was.
 TEST_F(TwoWays, AgreeOnNormalsWhereTheTerrainEndsAtTheLimb) {

@@ -5,16 +5,12 @@ import json
 
 
 import harness
-from harness import frame_request, sample
+from harness import frame_request, sample, tearDownModule
 
 
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def without(request, *members):

@@ -15,7 +15,7 @@ import sys
 import unittest
 
 import harness
-from harness import REPOSITORY, Service
+from harness import REPOSITORY, Service, tearDownModule
 
 FROZEN = os.path.join(REPOSITORY, "api", "v1.openapi.json")
 MANUAL = os.path.join(REPOSITORY, "deploy", "operation", "package", "selenograph.1")
@@ -265,10 +265,6 @@ def frozen(path=FROZEN):
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "16")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def write():

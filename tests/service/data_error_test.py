@@ -15,7 +15,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import PLACE, Service, frame_request
+from harness import frame_request, PLACE, Service, tearDownModule
 
 PRODUCTS = ("radiance", "range", "source")
 PLACES = {"lat_deg": 0.1, "lon_deg": 30.1}  # on the tile that is damaged, as is what frame_request() looks at
@@ -28,10 +28,6 @@ def setUpModule():
     harness.sample("fine", *PLACE, "--ppd", "256")
     # The layer below: another landscape under other names, so that nobody can mistake one for the other.
     rename(harness.sample("coarse", *PLACE, "--ppd", "64", "--seed", "99"), "DTM_MAP", "DTM_LOW")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def rename(folder, old, new):

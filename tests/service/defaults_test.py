@@ -11,7 +11,7 @@ import unittest
 import jsonschema
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "64")  # of the document's examples
 
@@ -94,10 +94,6 @@ IN_WORDS = (
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def without_null(node):

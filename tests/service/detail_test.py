@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import frame_request, sample
+from harness import frame_request, sample, tearDownModule
 
 LAT, LON = 0.1, 30.1
 PRESET = {"seed": 3, "craters": {"smallest_m": 2, "largest_m": 100},
@@ -29,10 +29,6 @@ def setUpModule():
                                          [LAT + 0.05, LON], [LAT + 0.05, LON - 0.05]]})
     write("crossed", {**PRESET, "region": [[0, 0], [1, 1], [0, 1], [1, 0]]})
     write("dense", {"craters": {"smallest_m": 2, "largest_m": 100, "frequency": [{"per_m2": 9, "exponent": 2}]}})
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def write(name, preset):
@@ -97,7 +93,7 @@ class Detail(unittest.TestCase):
         """What leaves out a crater may err by its depth: asked to be less than a pixel, that was more than fits."""
         horizon = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.detailed + 5},
                    "look_at": {"lat_deg": LAT + 0.001, "lon_deg": LON, "height_m": self.detailed, "up": "zenith"}}
-        camera = {"width": 1024, "height": 1024, "fov_deg": 60.0}
+        camera = {"width": 512, "height": 512, "fov_deg": 60.0}
         for view in ({"height_m": 1e5}, {"pose": horizon}):
             for aim in (None, 0.5):
                 accuracy = {} if aim is None else {"max_detail_error_px": aim}
@@ -126,17 +122,6 @@ class Detail(unittest.TestCase):
             self.assertLess(np.abs(error).max(), 1.2 * meta["lod_error_m"] + 1e-3, aim)
         self.assertLess(triangles[0], triangles[1])
         self.assertLess(triangles[1], triangles[2])
-
-    def test_detail_is_in_frame_and_metadata(self):
-        plain, _, _ = self.arrays(self.request(("radiance", "gsd", "geodetic"), detail=None))
-        arrays, meta, _ = self.arrays(self.request(("radiance", "gsd", "geodetic")))
-        self.assertEqual(meta["detail"]["name"], "rough")
-        self.assertEqual(meta["request"]["detail"], "rough")
-        self.assertGreater(np.nanmin(plain["gsd"]), 3)  # what it takes to follow the sphere
-        self.assertLess(np.nanmax(arrays["gsd"]), 8)
-        self.assertGreater(arrays["radiance"].std() / arrays["radiance"].mean(),
-                           3 * plain["radiance"].std() / plain["radiance"].mean())
-        self.assertLess(np.abs(arrays["geodetic"][..., 2] - plain["geodetic"][..., 2]).mean(), 5)
 
     def test_detail_product(self):
         dem, crater, relief = 0, 1, 2

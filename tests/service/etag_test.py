@@ -3,15 +3,7 @@
 import unittest
 
 import harness
-from harness import Service, frame_request, meta_of, sample
-
-
-def setUpModule():
-    harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
+from harness import frame_request, meta_of, sample, Service, setUpModule, tearDownModule
 
 
 def low_sun(number):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 import harness
-from harness import frame_request, sample
+from harness import frame_request, sample, tearDownModule
 
 WIDTH, HEIGHT, FOV_DEG = 96, 80, 40.0
 FOCAL = WIDTH / 2 / math.tan(math.radians(FOV_DEG / 2))
@@ -20,10 +20,6 @@ def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "512")
     Flow.service = harness.Service("--assets-dir", harness.assets())
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Flow(harness.unittest.TestCase):

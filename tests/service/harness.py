@@ -1,7 +1,7 @@
 """What the service tests share: a temporary folder, the real binary as a process, requests and checks.
 
-SELENOGRAPH_BINARY names the executable. Python's standard library only. A test file calls set_up() and tear_down() from its
-setUpModule() and tearDownModule(), and main() at its end.
+SELENOGRAPH_BINARY names the executable. Python's standard library only. A test file imports setUpModule() and
+tearDownModule(), or calls set_up() and tear_down() from its own, and main() at its end.
 """
 
 import copy
@@ -56,6 +56,10 @@ def stop_all():
 def tear_down():
     stop_all()
     shutil.rmtree(_folder, ignore_errors=True)
+
+
+# For a test file that sets up, or removes, no more than that.
+setUpModule, tearDownModule = set_up, tear_down
 
 
 def path(*parts):

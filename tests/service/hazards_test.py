@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 import harness
-from harness import sample
+from harness import sample, tearDownModule
 
 GSD_M, RADIUS_M = 0.25, 1737400.0
 CENTER = {"lat_deg": 0.1, "lon_deg": 30.1}
@@ -19,10 +19,6 @@ def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
     Hazards.service = harness.Service("--assets-dir", harness.assets())
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def area(width_m=25.0, height_m=20.0, gsd_m=GSD_M, center=CENTER):
@@ -102,20 +98,6 @@ class Hazards(harness.unittest.TestCase):
         service = harness.Service(cache=harness.path("polar_cache"), dem=harness.path("polar"))
         self.addCleanup(service.stop)
         return service
-
-    def test_a_map_that_goes_beyond_a_pole_has_slopes_up_to_it(self):
-        """Squares of pixels are not given up for their middle; what has no footprint is counted in a warning."""
-        gsd_m, center = 100.0, {"lat_deg": -89.5, "lon_deg": 40.0}
-        f = self.beside_the_pole().arrays({"products": ["slope", "height", "hazard"], "hazard": {"max_slope_deg": 5.0}, "footprint": {
-            "diameter_m": 1100.0}, "map": area(4000.0, 38000.0, gsd_m, center) | {"standard_parallel_deg": -89.0}}, "/v1/maps")
-        _, _, _, top, _, down = f["meta"]["grid"]["geotransform"]
-        from_pole_m = math.pi / 2 * RADIUS_M + top + down * (np.arange(f["slope"].shape[0]) + 0.5)
-        self.assertLess(from_pole_m.min(), -3000.0)
-        near = (from_pole_m > 4500.0) & (from_pole_m < 29000.0)
-        self.assertTrue(np.isfinite(f["slope"][near]).all())
-        self.assertTrue(np.isnan(f["slope"][from_pole_m < 0]).all())
-        np.testing.assert_array_equal(np.isnan(f["slope"]), f["hazard"] == 65535)
-        self.assertEqual(len([w for w in f["meta"]["warnings"] if "no plane of the footprint" in w]), 1, f["meta"]["warnings"])
 
     def test_beside_a_pole_north_turns_from_pixel_to_pixel(self):
         """A footprint is turned by the meridian of its own middle, not by that of a square of pixels."""

@@ -2,28 +2,22 @@
 """Labels of frames: masks and their numbers in the metadata, and the COCO documents that the Python client makes of them, also
 of a campaign's folder."""
 
-import importlib.util
 import io
 import json
 import math
 import os
-import subprocess
 import sys
-import tarfile
-import types
-import unittest.mock
 import zipfile
 
 import numpy as np
 
 import harness
-from harness import frame_request, run, sample
+from harness import frame_request, sample, tearDownModule
 
 CLIENT = os.path.join(harness.REPOSITORY, "api", "clients", "python")
 sys.path.insert(0, CLIENT)
 from selenograph import Answer, Frame, coco_of  # noqa: E402
 
-TRAINING = os.path.join(CLIENT, "training", "frames.py")
 LAT, LON = 0.1, 30.1
 METRES_PER_DEGREE = 1737400.0 * math.pi / 180
 PRESETS = {
@@ -46,10 +40,6 @@ def setUpModule():
     os.makedirs(harness.path("assets", "details"))
     for name, preset in PRESETS.items():
         harness.write(os.path.join("assets", "details", name + ".json"), preset)
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def members(body):
@@ -217,25 +207,6 @@ class Labels(harness.WithService):
         self.assertEqual(masks["rock_mask"].max(), 0)
         self.assertGreater(len(coco["annotations"]), 10)
 
-    def test_training_has_images_of_their_own_bit_depth(self):
-        spec = importlib.util.spec_from_file_location("frames", TRAINING)
-        torch, frames = types.ModuleType("torch"), importlib.util.module_from_spec(spec)
-        # What is used of it, so that PyTorch needn't be here.
-        torch.from_numpy, torch.utils = np.asarray, types.SimpleNamespace(data=types.SimpleNamespace(Dataset=object))
-        with unittest.mock.patch.dict(sys.modules, torch=torch):
-            spec.loader.exec_module(frames)
-        detector = {"pixel_pitch_um": 5.5, "integration_time_s": 10, "quantum_efficiency": 0.4, "gain_e_dn": 3.4}
-        light = {"sensor": {"optics": {"f_number": 5.6}, "detector": detector}, "band": {"center_um": 0.6, "width_um": 0.1}}
-        for name, changes in (("image8", {}), ("image16", {"image": {"bit_depth": 16}}),
-                              *((f"sensor{bits}", {**light, "sensor": {**light["sensor"], "detector": {
-                                  **detector, "bit_depth": bits}}}) for bits in (8, 10, 12, 16))):
-            os.makedirs(harness.path(name))
-            found = self.ok(self.service.frame(self.request(**changes), "application/x-npz"), "application/x-npz")
-            with open(harness.path(name, "a.npz"), "wb") as file:
-                file.write(found)
-            (item,) = frames.LabelledFrames(harness.path(name))
-            self.assertEqual((item["image"].shape, item["image"].dtype, item["image"].max()), ((1, 120, 160), np.float32, 1))
-
     def test_other_cameras(self):
         self.check(self.request(camera={"model": "fisheye", "width": 96, "height": 96, "fov_deg": 120.0}))
         self.check(self.request(shutter={"line_time_s": 0.001, "velocity_m_s": [0, 0, 50]}))
@@ -273,46 +244,6 @@ class Labels(harness.WithService):
                 ("/compression", "image/png", {"labels": False, "craters": None, "products": ["image"], "compression": "deflate"}),
                 ("/compression", "*/*", {"compression": "zstd"})):
             self.problem(self.service.frame(self.request(**changes), media_type), 422, pointer)
-
-    def test_a_document_of_a_campaign(self):
-        requests = [{**self.request(east_m=30.0 * i, compression="deflate" if i % 2 else None, products=["image"]),
-                     "name": f"view-{i}"} for i in range(7)]
-        requests[3].pop("labels")
-        requests[5]["camera"] = {"width": -1}  # never a frame
-        manifest = harness.path("labels.jsonl")
-        with open(manifest, "w") as file:
-            file.writelines(json.dumps(request) + "\n" for request in requests)
-        expected = {number: coco_of(as_frame(self.body({k: v for k, v in request.items() if k != "name"})))
-                    for number, request in enumerate(requests, 1) if number not in (4, 6)}
-        for form, options in (("npz", ()), ("webdataset", ("--frames-per-tar", "3"))):
-            document = {"images": [], "annotations": []}
-            for shard in ("0", "1"):
-                folder, path = harness.path(f"labels-{form}-{shard}"), harness.path("coco.json")
-                done = run("batch", manifest, "-o", folder, "--format", form, *options, "--shard", f"{shard}/2", "--dem", DEM,
-                           "--assets-dir", harness.path("assets"), "--cache-dir", harness.path("cache"))
-                self.assertIn(done.returncode, (0, 2), done.stderr)
-                done = subprocess.run([sys.executable, "-m", "selenograph", "coco", folder, "-o", path, "--manifest", manifest],
-                                      env={**os.environ, "PYTHONPATH": CLIENT}, capture_output=True, text=True)
-                self.assertEqual(done.returncode, 0, done.stderr)
-                with open(path) as file:
-                    part = json.load(file)
-                self.assertEqual(part["categories"], expected[1]["categories"])
-                for members_of_all, members_of_part in ((document[name], part[name]) for name in document):
-                    members_of_all += members_of_part
-                for image in part["images"]:
-                    if form == "webdataset":
-                        with tarfile.open(os.path.join(folder, image["tar"])) as tar:
-                            self.assertIn(image["file_name"], tar.getnames())
-            # Together the shards have each labelled frame, by its line, and no id twice.
-            self.assertEqual({image["id"]: image["file_name"] for image in document["images"]},
-                             {number: f"view-{number - 1}.npz" for number in expected})
-            self.assertEqual(len(document["images"]), len(expected))
-            self.assertEqual(len({a["id"] for a in document["annotations"]}), len(document["annotations"]))
-            for number, alone in expected.items():
-                mine = [a for a in document["annotations"] if a["image_id"] == number]
-                self.assertEqual(mine, [{**a, "id": 65536 * number + a["id"], "image_id": number, "mask_id": a["id"]}
-                                        for a in alone["annotations"]])
-
 
 if __name__ == "__main__":
     harness.main()

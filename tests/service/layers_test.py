@@ -8,7 +8,7 @@ import struct
 import unittest
 
 import harness
-from harness import Service, frame_request, path, run
+from harness import frame_request, path, run, Service, tearDownModule
 
 BIAS_M = 40
 SITE = "DTM_MAP_01_N01E030N00E031SC"
@@ -35,10 +35,6 @@ def setUpModule():
         text = f.read()
     with open(label, "w", newline="") as f:
         f.write(text.replace(SITE, "site"))
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def write_image(name):

@@ -10,7 +10,7 @@ import numpy as np
 from osgeo import gdal
 
 import harness
-from harness import frame_request
+from harness import frame_request, tearDownModule
 
 WIDTH, HEIGHT, STEP = 129, 97, 8
 LENS = {"model": "pinhole", "width": WIDTH, "height": HEIGHT, "fx": 130.0, "fy": 131.0, "cx": 60.0, "cy": 50.0,
@@ -21,10 +21,6 @@ TABLE = {"width": WIDTH, "height": HEIGHT, "lines_of_sight": "calibrated"}
 def setUpModule():
     harness.set_up()
     LinesOfSightTest.service = harness.service_with_assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def write_table(name, directions):

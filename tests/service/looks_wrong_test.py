@@ -10,7 +10,7 @@ import numpy as np
 from osgeo import gdal
 
 import harness
-from harness import REPOSITORY, Service, frame_request
+from harness import frame_request, REPOSITORY, Service, tearDownModule
 
 gdal.UseExceptions()
 
@@ -23,10 +23,6 @@ BAND = {"center_um": 0.65, "width_um": 0.2}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def nadir(height_m=20000.0, **members):

@@ -13,7 +13,7 @@ import numpy as np
 from osgeo import gdal, osr
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 gdal.UseExceptions()
 osr.DontUseExceptions()  # which the former means, too, from GDAL 3.7 on: places beyond a disc are no error here
@@ -84,10 +84,6 @@ def setUpModule():
               lambda lat, lon: PLANE_M_PER_DEG * (lat - PLANE["south_deg"]) + 0 * lon)
     write_dem(harness.path("region", "tile.tif"), 15, 95, 40, 40, 4, lambda lat, lon: 0 * lat * lon)
     write_dem(harness.path("relief", "global.tif"), -90, -180, 1440, 2880, 8, relief)
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def npz(body):

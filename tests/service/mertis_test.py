@@ -9,6 +9,7 @@ import unittest
 import numpy as np
 
 import harness
+from harness import tearDownModule
 
 INSTRUMENT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets", "instruments", "mertis.json")
 
@@ -16,10 +17,6 @@ INSTRUMENT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", ".."
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "0", "--west-deg", "0", "--rows", "1", "--columns", "1", "--ppd", "16")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def rows_of(*options):

@@ -14,7 +14,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import frame_request
+from harness import frame_request, tearDownModule
 
 try:
     import scipy  # noqa: F401
@@ -29,10 +29,6 @@ BAND = {"center_um": 0.675, "width_um": 0.02}
 def setUpModule():
     harness.set_up()
     MoonTest.service = harness.service_with_assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def moon_kit():

@@ -18,7 +18,7 @@ import unittest
 import jsonschema
 
 import harness
-from harness import PATIENCE_S, Service, frame_request
+from harness import frame_request, PATIENCE_S, Service, tearDownModule
 
 # Where the document's examples look at.
 PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "64")
@@ -36,10 +36,6 @@ def setUpModule():
     service = Service(*SMALL_LIMITS)
     DOCUMENT.update(json.loads(service.ask("GET", "/openapi.json")[2]))
     assert service.stop() == 0
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def resolve(node):

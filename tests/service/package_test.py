@@ -13,7 +13,7 @@ import sys
 import unittest
 
 import harness
-from harness import BINARY, PATIENCE_S
+from harness import BINARY, PATIENCE_S, tearDownModule
 
 BUILD = os.environ.get("SELENOGRAPH_BUILD", "")
 
@@ -23,10 +23,6 @@ def setUpModule():
         raise unittest.SkipTest("SELENOGRAPH_BUILD is not set")
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def run(*command, **options):

@@ -14,6 +14,7 @@ import unittest
 import numpy as np
 
 import harness
+from harness import tearDownModule
 
 try:
     import cv2  # noqa: F401
@@ -37,10 +38,6 @@ REQUEST = {
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def dem(*folders):

@@ -12,6 +12,7 @@ import numpy as np
 import PIL.Image
 
 import harness
+from harness import tearDownModule
 
 PLOT = os.path.join(harness.REPOSITORY, "deploy", "plot")
 
@@ -19,10 +20,6 @@ PLOT = os.path.join(harness.REPOSITORY, "deploy", "plot")
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def plot(folder, *options):

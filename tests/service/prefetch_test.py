@@ -6,7 +6,7 @@ Python's standard library only.
 
 import json
 import harness
-from harness import Service, frame_request
+from harness import frame_request, Service, tearDownModule
 
 STEP_DEG = 0.02  # 600 m: each frame needs some other blocks
 
@@ -14,10 +14,6 @@ STEP_DEG = 0.02  # 600 m: each frame needs some other blocks
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *harness.PLACE)
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def pose(step):

@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import frame_request
+from harness import frame_request, tearDownModule
 
 PRODUCTS = ["radiance", "angles", "lit"]
 
@@ -16,18 +16,6 @@ PRODUCTS = ["radiance", "angles", "lit"]
 def setUpModule():
     harness.set_up()
     RadiometryTest.service = harness.service_with_assets()
-
-
-def tearDownModule():
-    harness.tear_down()
-
-
-def hapke(mu0, mu, g, w=0.21, b0=2.01, h=0.07, b=0.29, c=0.39):
-    """mu0 f_r without roughness: Hapke 1981."""
-    p = 1 + b * np.cos(g) + c * (1.5 * np.cos(g) ** 2 - 0.5)
-    surge = b0 / (1 + np.tan(g / 2) / h)
-    many = lambda x: (1 + 2 * x) / (1 + 2 * x * np.sqrt(1 - w))
-    return w / (4 * np.pi) * mu0 / (mu0 + mu) * ((1 + surge) * p + many(mu0) * many(mu) - 1)
 
 
 class RadiometryTest(unittest.TestCase):
@@ -39,25 +27,6 @@ class RadiometryTest(unittest.TestCase):
         status, _, body = self.service.frame(frame_request(["radiance"], **changes))
         self.assertEqual(status, 422, body[:300])
         return [e["pointer"] for e in json.loads(body)["errors"]]
-
-    def check(self, reflectance, mu0_f_r):
-        for visibility in ("zbuffer", "raytrace"):
-            with self.subTest(reflectance=reflectance, visibility=visibility):
-                f = self.frame(surface={"reflectance": reflectance}, visibility=visibility)
-                i, e, g = np.radians(f["angles"].astype(float)).transpose(2, 0, 1)
-                mu0, mu, lit = np.cos(i), np.cos(e), f["lit"].astype(float)
-                sure = (mu0 > 0.02) & (mu > 0.02)
-                expected = 1361 * mu0_f_r(mu0, mu, g) * lit
-                self.assertGreater(sure.mean(), 0.7)
-                self.assertLess(np.abs(f["radiance"] - expected)[sure].max(), 2e-5 * expected[sure].max())
-                self.assertEqual(f["meta"]["radiance_terms"], ["direct"])
-                for name, value in reflectance.items():
-                    self.assertEqual(f["meta"]["request"]["surface"]["reflectance"][name], value)
-
-    def test_hapke(self):
-        self.check({"model": "hapke", "theta_bar_deg": 0.0}, hapke)
-        self.check({"model": "hapke", "theta_bar_deg": 0.0, "w": 0.5, "b0": 0.0},
-                   lambda mu0, mu, g: hapke(mu0, mu, g, w=0.5, b0=0))
 
     def test_both_algorithms_agree_on_roughness(self):
         both = [self.frame(surface={"reflectance": {"model": "hapke"}}, visibility=v) for v in ("zbuffer", "raytrace")]

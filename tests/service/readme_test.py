@@ -16,7 +16,7 @@ import tempfile
 import unittest
 
 import harness
-from harness import REPOSITORY
+from harness import REPOSITORY, tearDownModule
 
 PAGES = ("README.md", "api/guide.md", "dem/tiles.md", "engine/verify/errors.md", "engine/verify/speed.md")  # in this order
 ADDRESS = "127.0.0.1:8080"
@@ -105,10 +105,6 @@ def setUpModule():
     os.symlink(os.path.abspath(harness.BINARY), harness.path("build", "selenograph"))
     shutil.copy(os.path.join(REPOSITORY, "deploy", "examples", "example-request.json"), harness.path("request.json"))
     ReadmeTest.service = harness.Service(options=quickstarts_service())
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class ReadmeTest(unittest.TestCase):

@@ -18,7 +18,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import BINARY, PATIENCE_S, Service, frame_request, run
+from harness import BINARY, frame_request, PATIENCE_S, run, Service, tearDownModule
 
 SEED = 20261120
 KILLS = int(os.environ.get("RECOVERY_KILLS", "2"))
@@ -60,10 +60,6 @@ def setUpModule():
     DURATION_S["serve"] = time.monotonic() - started
     assert service.stop() == 0
     SERVED = set(files_of("clean"))
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def answers(service):

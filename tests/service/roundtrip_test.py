@@ -9,7 +9,7 @@ import os
 import unittest
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "256")
 CENTER = {"lat_deg": 26.1322, "lon_deg": 3.6339}
@@ -20,10 +20,6 @@ EXACT = {"center": CENTER, "posts": 100}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def ask(service, body, accept="application/json"):

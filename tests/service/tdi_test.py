@@ -7,7 +7,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import frame_request
+from harness import frame_request, tearDownModule
 
 WIDTH, HEIGHT, FOV_DEG, ALTITUDE_M, SPEED_M_S = 48, 160, 4.0, 20000.0, 1600.0
 PLACE = {"lat_deg": 0.1, "lon_deg": 30.1}
@@ -19,10 +19,6 @@ SENSOR = {"optics": {"f_number": 4.0}, "detector": {"pixel_pitch_um": 10.0, "qua
 def setUpModule():
     harness.set_up()
     TdiTest.service = harness.service_with_assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class TdiTest(unittest.TestCase):

@@ -15,7 +15,7 @@ import threading
 import unittest
 
 import harness
-from harness import PLACE, Service, frame_request
+from harness import frame_request, PLACE, Service, tearDownModule
 
 HEIGHT = "/v1/height?lat_deg=0.1&lon_deg=30.1"
 HIT = "DTM_MAP_01_N01E030N00E031SC"
@@ -24,10 +24,6 @@ HIT = "DTM_MAP_01_N01E030N00E031SC"
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def pyramid(cache):
@@ -125,31 +121,6 @@ class CacheFolder(unittest.TestCase):
             return self.frame_twice(service)
         finally:
             service.stop()
-
-    def assert_told_once(self, service, cache):
-        service.wait_for("selenograph_cache_trouble", 1)
-        text = service.log_text()
-        self.assertEqual(text.count("memory only"), 1, text)
-        self.assertIn(harness.path(cache), text)
-        self.assertNotIn(".tmp-", text)
-        status, _, body = service.ask("GET", "/health/ready")
-        self.assertEqual(status, 200)
-        self.assertIn(b"pyramids are kept in memory only", body)
-
-    def test_a_full_disk(self):
-        wanted = self.sound()
-        os.makedirs(harness.path("cache-full"), exist_ok=True)
-        service = Service(cache="cache-full")
-        pid = service.process.pid
-        # Files of 4 KiB and no more. The signal that comes with it is for the service to have ignored.
-        before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (4096, before[1]))
-        got = self.frame_twice(service)
-        self.assertEqual(got, wanted)
-        self.assert_told_once(service, "cache-full")
-        self.assertEqual(pyramid("cache-full"), {})
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
-        self.assertEqual(service.stop(), 0)
 
     def test_ingest_is_not_complete(self):
         """What can't be written is an error with the file and the system's reason, though frames would be answered."""

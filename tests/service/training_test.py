@@ -11,7 +11,7 @@ import sys
 import unittest
 
 import harness
-from harness import REPOSITORY, Service, run
+from harness import REPOSITORY, run, Service, tearDownModule
 
 FOLDER = os.path.join(REPOSITORY, "api", "clients", "python", "training")
 ASSETS = os.path.join(REPOSITORY, "deploy", "assets")
@@ -22,10 +22,6 @@ def setUpModule():
     if importlib.util.find_spec("torch") is None:
         raise unittest.SkipTest("there is no PyTorch here")
     harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Training(unittest.TestCase):

@@ -5,7 +5,7 @@
 import numpy as np
 
 import harness
-from harness import frame_request, sample
+from harness import frame_request, sample, tearDownModule
 
 TRUTH = ("depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source", "object_id", "detail")
 WIDTH, HEIGHT = 70, 45
@@ -14,10 +14,6 @@ WIDTH, HEIGHT = 70, 45
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class TruthGrid(harness.WithService):

@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 
 import harness
-from harness import frame_request, sample
+from harness import frame_request, sample, tearDownModule
 
 MOON_M = 1737400.0
 LAT, LON = -0.5, 30.5
@@ -18,10 +18,6 @@ def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
     View.service = harness.Service()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def nadir(lat_deg=LAT, lon_deg=LON, height_m=20000.0, up_azimuth_deg=0.0):

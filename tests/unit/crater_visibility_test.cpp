@@ -115,16 +115,5 @@ TEST(CraterRoughness, OfReliefGrowsWithItsExponent) {
     EXPECT_NEAR(larger.mean_square_m2(k, 20), 9 * roughness.mean_square_m2(k, 20), 1e-9 * larger.mean_square_m2(k, 20));
 }
 
-TEST(CraterRoughness, DoesNotDependOnTheRegion) {
-  DetailPreset preset = craters_and_relief();
-  const CraterRoughness everywhere{Detail(preset)};
-  preset.region = Region({{25.8, 3.8, 0}, {25.8, 4.2, 0}, {26.2, 4.2, 0}, {26.2, 3.8, 0}});
-  const CraterRoughness within{Detail(preset)};
-  for (int k = everywhere.smallest_octave(); k <= everywhere.largest_octave(); ++k) {
-    EXPECT_EQ(within.mean_square_m2(k, 20), everywhere.mean_square_m2(k, 20));
-    EXPECT_GT(within.mean_square_m2(k, 20), 0);
-  }
-}
-
 }  // namespace
 }  // namespace selenograph::dem

@@ -1112,28 +1112,5 @@ TEST(DetailedTerrain, BoundsAndBordersHoldBelowThePostsLevel) {
   });
 }
 
-// Level ground without relief: what stands there is the craters' doing, and each is where the field says.
-double level_ground(double, double) { return 0; }
-
-TEST(DetailedTerrain, CratersAreWhereTheFieldHasThem) {
-  const Ground ground(27, 3, level_ground);
-  const CraterField& field = ground.detailed->detail().craters();
-  int seen = 0, deep = 0;
-  for (const Crater& c : field.in_box(6, {25.5, 26.5, 3.75, 4.25})) {
-    if (c.age > 0.02 || c.diameter_m < 90) continue;  // fresh and large: nothing hides it
-    const Geographic g = to_geographic(c.centre * kMoonRadius_m);
-    const double floor_m = ground.detailed->height(g.lat_deg, g.lon_deg).height_m;
-    double rim_m = 0;
-    for (int i = 0; i < 8; ++i) {
-      const Geographic on = to_geographic(CraterSurvey::on_rim(c, i * pi / 4) * kMoonRadius_m);
-      rim_m += ground.detailed->height(on.lat_deg, on.lon_deg).height_m / 8;
-    }
-    deep += rim_m - floor_m > 0.6 * c.depth_m;
-    ++seen;
-  }
-  EXPECT_GT(deep, 0.9 * seen);
-  EXPECT_GT(seen, 5);
-}
-
 }  // namespace
 }  // namespace selenograph::dem

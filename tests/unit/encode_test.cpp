@@ -2,6 +2,7 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,7 +13,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <limits>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -148,14 +148,6 @@ TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {
                                       "source <u2 1", "object_id <u2 1", "detail <u2 1"}));
 }
 
-TEST(Arrays, GiveOnlyWhatIsWanted) {
-  const Sample sample(8, engine::kSource | engine::kDepth);
-  ASSERT_EQ(sample.arrays.size(), 2u);
-  EXPECT_EQ(sample.arrays[0].name, "depth");
-  EXPECT_EQ(sample.arrays[1].name, "source");
-  EXPECT_EQ(sample.arrays[0].data, sample.frame.products.depth.data());  // a view, not a copy
-}
-
 TEST(Arrays, AnEightBitImageIsNarrowed) {
   const Sample sample(8, engine::kImage);
   EXPECT_EQ(sample["image"].type, ElementType::uint8);
@@ -188,15 +180,6 @@ TEST(Arrays, MissingProductThrows) {
 
 // --- raw, npy, npz
 
-TEST(Raw, IsTheElements) {
-  const Sample sample(16);
-  for (const ArrayView& a : sample.arrays) {
-    const std::string bytes = encode_raw(a);
-    ASSERT_EQ(bytes.size(), size_bytes(a));
-    EXPECT_TRUE(same_bytes(bytes.data(), a));
-  }
-}
-
 TEST(Npy, HasTheHeaderOfVersionOneAndAlignedData) {
   const Sample sample(8);
   for (const ArrayView& a : sample.arrays) {
@@ -214,21 +197,6 @@ TEST(Npy, HasTheHeaderOfVersionOneAndAlignedData) {
               0u)
         << header;
   }
-}
-
-TEST(Npz, DoesNotDependOnTheTimeZone) {
-  const Sample sample(16);
-  const char* const before = std::getenv("TZ");
-  const std::string kept = before ? before : "";
-  std::set<std::string> encodings;
-  for (const char* zone : {"UTC", "Asia/Tokyo", "America/Los_Angeles", "Pacific/Kiritimati"}) {
-    setenv("TZ", zone, 1);
-    tzset();
-    encodings.insert(encode_npz(sample.arrays, kMeta));
-  }
-  before ? setenv("TZ", kept.c_str(), 1) : unsetenv("TZ");
-  tzset();
-  EXPECT_EQ(encodings.size(), 1u);
 }
 
 TEST(Npz, RefusesTwoArraysOfOneName) {
@@ -302,36 +270,14 @@ TEST(Exr, HasAllProductsAsNamedChannels) {
   const Image image = read_back(encode_exr(sample.arrays, {{"selenograph", kMeta}}), "exr");
   EXPECT_EQ(image.spec.width, kWidth);
   EXPECT_EQ(image.spec.height, kHeight);
-  const std::set<std::string> names(image.spec.channelnames.begin(), image.spec.channelnames.end());
-  EXPECT_EQ(names, (std::set<std::string>{"image",
-                                          "radiance",
-                                          "depth",
-                                          "depth.residual",
-                                          "range",
-                                          "range.residual",
-                                          "position.x",
-                                          "position.x.residual",
-                                          "position.y",
-                                          "position.y.residual",
-                                          "position.z",
-                                          "position.z.residual",
-                                          "geodetic.lat_deg",
-                                          "geodetic.lat_deg.residual",
-                                          "geodetic.lon_deg",
-                                          "geodetic.lon_deg.residual",
-                                          "geodetic.height_m",
-                                          "geodetic.height_m.residual",
-                                          "normal.x",
-                                          "normal.y",
-                                          "normal.z",
-                                          "angles.incidence_deg",
-                                          "angles.emission_deg",
-                                          "angles.phase_deg",
-                                          "lit",
-                                          "gsd",
-                                          "source",
-                                          "object_id",
-                                          "detail"}));
+  std::vector<std::string> names = image.spec.channelnames;
+  std::sort(names.begin(), names.end());
+  EXPECT_EQ(fmt::format("{}", fmt::join(names, " ")),
+            "angles.emission_deg angles.incidence_deg angles.phase_deg depth depth.residual detail geodetic.height_m "
+            "geodetic.height_m.residual geodetic.lat_deg geodetic.lat_deg.residual geodetic.lon_deg "
+            "geodetic.lon_deg.residual gsd image lit normal.x normal.y normal.z object_id position.x "
+            "position.x.residual position.y position.y.residual position.z position.z.residual radiance range "
+            "range.residual source");
   EXPECT_EQ(image.spec.get_string_attribute("selenograph"), kMeta);
 }
 

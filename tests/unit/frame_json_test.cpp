@@ -196,14 +196,7 @@ TEST(CameraJson, Refusals) {
   EXPECT_NE(details.find("\"fov_deg\" and \"fx\""), std::string::npos) << details;
   EXPECT_EQ(refused(R"({"camera": {"cy": 1}})"), "/camera/cy");
   EXPECT_EQ(refused(R"({"camera": {"fov_deg": null}})"), "/camera");
-  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 0}})"), "/camera/fov_deg");
-  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 180}})"), "/camera/fov_deg");
-  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 1e-300}})"), "/camera/fov_deg");
-  EXPECT_EQ(refused(R"({"camera": {"width": 0}})"), "/camera/width");
-  EXPECT_EQ(refused(R"({"camera": {"width": 1024.5}})"), "/camera/width");
-  EXPECT_EQ(refused(R"({"camera": {"width": 8193}})"), "/camera/width");
   EXPECT_EQ(refused(R"({"camera": {"width": 8192, "height": 8192}})"), "/camera");
-  EXPECT_EQ(refused(R"({"camera": {"model": "orthographic"}})"), "/camera/model");
   EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "fov_deg": 359}})"), "/camera/fov_deg");
   EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "distortion": {"k1": 1}}})"), "/camera/distortion");
   EXPECT_EQ(refused(R"({"camera": {"distortion": {"model": "kannala_brandt"}}})"), "/camera/distortion");
@@ -215,8 +208,6 @@ TEST(CameraJson, Refusals) {
             "/camera/fov_deg");
   EXPECT_EQ(refused(R"({"camera": {"model": "fisheye"}, "visibility": "zbuffer"})"), "/visibility");
   EXPECT_EQ(refused(R"({"camera": {"distortion": {"k4": 1}}})"), "/camera/distortion/k4");
-  EXPECT_EQ(refused(R"({"camera": null})"), "/camera");
-  EXPECT_EQ(refused(R"({"camera": {"widht": 3}})"), "/camera/widht");
 }
 
 TEST(PoseJson, NadirWithAzimuthZeroHasNorthUpAndEastRight) {
@@ -607,16 +598,6 @@ TEST(SunJson, LocalIsAzimuthClockwiseFromNorthAndElevation) {
             1e-15);
 }
 
-TEST(SunJson, DirectionOfAnyLength) {
-  const Vec3 expected = Vec3(0, 1, 0.2).normalized();
-  for (const char* v : {"[0, 1, 0.2]", "[0, 1e-300, 0.2e-300]", "[0, 1e300, 0.2e300]", "[0, 5, 1]"}) {
-    EXPECT_LT((accepted(R"({"sun": {"direction": )" + std::string(v) + "}}").sun.direction - expected).norm(), 1e-15)
-        << v;
-  }
-  EXPECT_EQ(refused(R"({"sun": {"direction": [0, 0, 0]}})"), "/sun/direction");
-  EXPECT_EQ(refused(R"({"sun": {"direction": [0, 1e-999, 0]}})"), "/sun/direction");
-}
-
 TEST(SunJson, EpochGivesDirectionAndDistance) {
   const std::string utc = R"({"sun": {"direction": null, "utc": "2026-11-20T00:00:00Z")";
   const engine::SunPosition ephemeris = engine::sun_at("2026-11-20T00:00:00Z");
@@ -638,11 +619,6 @@ TEST(SunJson, EpochGivesDirectionAndDistance) {
 TEST(SunJson, Refusals) {
   EXPECT_EQ(refused(R"({"sun": {"subsolar": {"lat_deg": 0, "lon_deg": 0}}})"), "/sun/subsolar");
   EXPECT_EQ(refused(R"({"sun": {"direction": null}})"), "/sun");
-  EXPECT_EQ(refused(R"({"sun": {"distance_au": 0}})"), "/sun/distance_au");
-  EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": 5.1}})"), "/sun/angular_radius_deg");
-  EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": -0.1}})"), "/sun/angular_radius_deg");
-  EXPECT_EQ(refused(R"({"sun": {"limb_darkening": 1.1}})"), "/sun/limb_darkening");
-  EXPECT_EQ(accepted(R"({"sun": {"limb_darkening": 0.6}})").sun.limb_darkening, 0.6);
 }
 
 TEST(SunJson, IsRequiredForProductsThatNeedOneOnly) {
@@ -655,66 +631,13 @@ TEST(SunJson, IsRequiredForProductsThatNeedOneOnly) {
           .sun_given);
 }
 
-TEST(FrameJson, RemainingMembers) {
-  const auto request =
-      accepted(R"({"surface": {"reflectance": {"model": "lunar", "lommel_seeliger_weight": 0.25, "rho": 1}},
-    "accuracy": {"max_error_px": 0, "samples_per_pixel": 16, "max_shadow_error_px": 2}, "image": {"bit_depth": 16, "full_scale_radiance": 12.5},
-    "products": ["range", "image"]})");
-  EXPECT_EQ(request.reflectance.lommel_seeliger_weight, 0.25);
-  EXPECT_EQ(request.accuracy.samples_per_pixel, 16);
-  EXPECT_EQ(request.accuracy.max_shadow_error_px, 2);
-  EXPECT_EQ(request.image.bit_depth, 16);
-  EXPECT_EQ(request.image.full_scale_radiance_w_m2_sr, 12.5);
-  EXPECT_EQ(request.products, engine::kRange | engine::kImage);
-  EXPECT_FALSE(accepted(R"({"image": {"full_scale_radiance": "auto"}})").image.full_scale_radiance_w_m2_sr);
-  EXPECT_EQ(accepted("{}").visibility, engine::Visibility::automatic);
-  EXPECT_EQ(accepted(R"({"visibility": "zbuffer"})").visibility, engine::Visibility::zbuffer);
-  EXPECT_EQ(accepted(R"({"visibility": "raytrace"})").visibility, engine::Visibility::raytrace);
-}
-
-TEST(FrameJson, RefusesRemainingMembers) {
-  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "minnaert"}}})"), "/surface/reflectance/model");
-  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "lambert", "lommel_seeliger_weight": 1}}})"),
-            "/surface/reflectance/lommel_seeliger_weight");
-  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
-  EXPECT_EQ(refused(R"({"visibility": "fast"})"), "/visibility");
-  EXPECT_EQ(refused(R"({"accuracy": {"max_error_px": -1}})"), "/accuracy/max_error_px");
-  EXPECT_EQ(refused(R"({"accuracy": {"max_shadow_error_px": -1}})"), "/accuracy/max_shadow_error_px");
+TEST(FrameJson, SamplesAreSquaresAndProductsKnown) {
   for (const char* n : {"2", "0", "1.5", "289"}) {
     EXPECT_EQ(refused(R"({"accuracy": {"samples_per_pixel": )" + std::string(n) + "}}"), "/accuracy/samples_per_pixel")
         << n;
   }
-  EXPECT_EQ(refused(R"({"image": {"bit_depth": 12}})"), "/image/bit_depth");
-  EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": 0}})"), "/image/full_scale_radiance");
-  EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": "Auto"}})"), "/image/full_scale_radiance");
-  EXPECT_EQ(refused(R"({"products": []})"), "/products");
   EXPECT_EQ(refused(R"({"products": ["range", "range"]})"), "/products/1");
   EXPECT_EQ(refused(R"({"products": ["range", "Depth"]})"), "/products/1");
-  EXPECT_EQ(refused(R"({"products": "range"})"), "/products");
-  EXPECT_EQ(refused(R"({"seed": 3})"), "/seed");
-}
-
-TEST(FrameJson, Reflectances) {
-  const auto reflectance = [](const std::string& json) {
-    return accepted(R"({"surface": {"reflectance": )" + json + "}}").reflectance;
-  };
-  EXPECT_EQ(reflectance(R"({"model": "blinn_phong", "rho": 0.8, "shininess": 50})").shininess, 50);
-  EXPECT_FALSE(reflectance(R"({"model": "lunar_lambert"})").limb_darkening);
-  EXPECT_EQ(reflectance(R"({"model": "lunar_lambert", "limb_darkening": 0.3, "rho": 0.25})").limb_darkening, 0.3);
-  const engine::HapkeParameters moon = reflectance(R"({"model": "hapke"})").hapke;
-  EXPECT_EQ(moon.w, 0.21);
-  EXPECT_EQ(moon.theta_bar_deg, 20);
-  const engine::HapkeParameters lobes =
-      reflectance(R"({"model": "hapke", "w": 0.4, "b0": 1.5, "h": 0.1, "b": 0.25, "c": 0.3,
-      "phase_function": "double_henyey_greenstein", "theta_bar_deg": 0})")
-          .hapke;
-  EXPECT_EQ(lobes.phase_function, engine::PhaseFunction::double_henyey_greenstein);
-  EXPECT_EQ(lobes.b0, 1.5);
-  EXPECT_EQ(lobes.theta_bar_deg, 0);
-  EXPECT_EQ(reflectance(R"({"model": "lunar_lambert", "phase": "rolo"})").phase, engine::PhaseLaw::rolo);
-  const engine::HapkeParameters later = reflectance(R"({"model": "hapke", "terms": "2002", "bc0": 0.3})").hapke;
-  EXPECT_EQ(later.terms, engine::HapkeTerms::terms_2002);
-  EXPECT_EQ(later.bc0, 0.3);
 }
 
 // The Moon's own: echoed as it was asked for; Sato's parameters as the reflectance that they are in the band.
@@ -732,24 +655,14 @@ TEST(FrameJson, SurfacePresets) {
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "moon"}}})"), "/surface/reflectance/model");
 }
 
-// Every model's members, and no other's.
-TEST(FrameJson, ReflectancesRefuseForeignMembers) {
+// A model that would reflect more than arrives, or less than nothing, is refused at the member that makes it so.
+TEST(FrameJson, ReflectancesAreThoseOfNature) {
   const auto refused_in = [](const std::string& json) {
     return refused(R"({"surface": {"reflectance": )" + json + "}}");
   };
   const std::string at = "/surface/reflectance/";
-  EXPECT_EQ(refused_in(R"({"shininess": 3})"), at + "shininess");  // the default is "lunar"
-  EXPECT_EQ(refused_in(R"({"model": "hapke", "rho": 0.2})"), at + "rho");
-  EXPECT_EQ(refused_in(R"({"model": "blinn_phong", "w": 0.2})"), at + "w");
-  EXPECT_EQ(refused_in(R"({"model": "lambert", "limb_darkening": 0.2})"), at + "limb_darkening");
-  EXPECT_EQ(refused_in(R"({"model": "lunar", "phase_function": "legendre"})"), at + "phase_function");
   EXPECT_EQ(refused_in(R"({"model": "lunar_lambert", "rho": 0.3})"), at + "rho");  // would reflect more than arrives
-  EXPECT_EQ(refused_in(R"({"model": "hapke", "h": 0})"), at + "h");
-  EXPECT_EQ(refused_in(R"({"model": "hapke", "bc0": 0.3})"), at + "bc0");
-  EXPECT_EQ(refused_in(R"({"model": "hapke", "phase": "allen"})"), at + "phase");
-  EXPECT_EQ(refused_in(R"({"model": "lambert", "phase": "allen"})"), at + "phase");
-  EXPECT_EQ(refused_in(R"({"model": "hapke", "b": 0.9, "c": 2})"), at + "c");  // p(g) < 0 somewhere
-  EXPECT_EQ(refused_in(R"({"model": "blinn_phong", "shininess": -1})"), at + "shininess");
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "b": 0.9, "c": 2})"), at + "c");      // p(g) < 0 somewhere
   EXPECT_EQ(refused(R"({"surface": {"temperature_k": 300, "reflectance": {"model": "hapke"}}})"),
             "/surface/temperature_k");
 }
@@ -762,13 +675,9 @@ TEST(FrameJson, BandsAndTemperatures) {
   EXPECT_EQ(accepted(R"({"band": {"response": [[0.5, 0], [0.6, 1], [0.7, 0]]}})").band->response().size(), 3U);
   EXPECT_FALSE(accepted("{}").band);
   EXPECT_EQ(refused(R"({"band": {}})"), "/band");
-  EXPECT_EQ(refused(R"({"band": {"center_um": 0.65}})"), "/band/width_um");
-  EXPECT_EQ(refused(R"({"band": {"center_um": 0.65, "width_um": 1.4}})"), "/band/width_um");
   EXPECT_EQ(refused(R"({"band": {"center_um": 1, "width_um": 0.1, "response": [[1, 1], [2, 1]]}})"), "/band/response");
   EXPECT_EQ(refused(R"({"band": {"width_um": 0.1, "response": [[1, 1], [2, 1]]}})"), "/band/width_um");
   EXPECT_EQ(refused(R"({"band": {"response": [[2, 1], [1, 1]]}})"), "/band/response");
-  EXPECT_EQ(refused(R"({"band": {"response": [[1, 1], [2, 2]]}})"), "/band/response/1/1");
-  EXPECT_EQ(refused(R"({"band": {"response": [[1, 1, 1], [2, 1]]}})"), "/band/response/0");
   EXPECT_EQ(refused(R"({"atmosphere": {"name": "earth"}})"), "/atmosphere /atmosphere/name");
   EXPECT_EQ(refused(R"({"atmosphere": {"name": "../earth"}, "band": {"center_um": 1, "width_um": 0.1}})"),
             "/atmosphere/name");
@@ -783,14 +692,6 @@ constexpr const char* kSensor = R"({"band": {"center_um": 0.65, "width_um": 0.3}
 
 TEST(FrameJson, Sensors) {
   const auto request = accepted(kSensor);
-  ASSERT_TRUE(request.sensor);
-  EXPECT_EQ(request.sensor->optics.f_number, 5.6);
-  EXPECT_EQ(request.sensor->optics.point_spread.sigma_px, 0.6);
-  EXPECT_EQ(request.sensor->optics.vignetting.model, engine::Vignetting::Model::cos4);
-  EXPECT_EQ(request.sensor->detector.full_well_e, 13500);
-  EXPECT_EQ(request.sensor->detector.bit_depth, 12);
-  EXPECT_EQ(request.sensor->frame, std::uint64_t{1} << 53);
-  EXPECT_EQ(engine::image_bits(request), 16);
   const auto json = resolved_json(read_frame(patched(kSensor), Limits{}));
   EXPECT_EQ(resolved_json(read_frame(Json(json), Limits{})).dump(), json.dump());
   EXPECT_FALSE(json.contains("image"));
@@ -825,12 +726,6 @@ TEST(FrameJson, RefusesSensors) {
   EXPECT_EQ(changed(R"({"band": null})"), "/sensor");
   EXPECT_EQ(changed(R"({"image": {"bit_depth": 8}})"), "/image");
   EXPECT_EQ(changed(R"({"sensor": {"optics": null}})"), "/sensor/optics");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"gain_e_dn": null}}})"), "/sensor/detector/gain_e_dn");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"gain_e_dn": 0}}})"), "/sensor/detector/gain_e_dn");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"bit_depth": 17}}})"), "/sensor/detector/bit_depth");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"photon_noise": 1}}})"), "/sensor/detector/photon_noise");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 1.1}}})"), "/sensor/detector/quantum_efficiency");
-  EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 0}}})"), "/sensor/detector/quantum_efficiency");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"dead_fraction": 0.9, "hot_fraction": 0.2}}})"),
             "/sensor/detector/hot_fraction");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"offset_dn": 4095}}})"), "/sensor/detector/offset_dn");
@@ -848,7 +743,6 @@ TEST(FrameJson, RefusesSensors) {
             "/sensor/optics/vignetting/table");
   EXPECT_EQ(changed(R"({"sensor": {"optics": {"vignetting": {"model": "table"}}}})"),
             "/sensor/optics/vignetting/table");
-  EXPECT_EQ(changed(R"({"sensor": {"frame": -1}})"), "/sensor/frame");
 }
 
 TEST(FrameJson, ReportsEveryFaultAtOnce) {
@@ -943,16 +837,6 @@ TEST(PointsJson, NonFiniteNumbersAreNull) {
 
 // --- row times
 
-TEST(ShutterJson, RatesAndTheirDefaults) {
-  const engine::FrameRequest request = accepted(R"({"shutter": {"line_time_s": 0.001, "velocity_m_s": [0, 1600, 0]}})");
-  ASSERT_TRUE(request.shutter);
-  EXPECT_EQ(request.shutter->line_time_s, 0.001);
-  EXPECT_EQ(request.shutter->rates.velocity_m_s, Vec3(0, 1600, 0));
-  EXPECT_EQ(request.shutter->rates.angular_rate_deg_s, Vec3(0, 0, 0));
-  EXPECT_FALSE(request.shutter->pushbroom);
-  EXPECT_FALSE(accepted("{}").shutter);
-}
-
 const char* const kThroughPoses = R"({"pose": null, "shutter": {"line_time_s": 0.001, "pushbroom": true, "poses": [
     {"time_s": -0.5, "pose": {"position_m": [1757000, -500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
     {"time_s": 0.5, "pose": {"position_m": [1757000, 500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
@@ -1033,11 +917,6 @@ TEST(ShutterJson, Refusals) {
   const auto shutter = [](const std::string& members) { return R"({"shutter": {)" + members + "}}"; };
   const std::string rate = R"("velocity_m_s": [1, 0, 0])", line = R"("line_time_s": 0.001, )";
   EXPECT_EQ(refused(shutter(line + rate)), "accepted");
-  EXPECT_EQ(refused(shutter(rate)), "/shutter/line_time_s");
-  EXPECT_EQ(refused(shutter(R"("line_time_s": 0, )" + rate)), "/shutter/line_time_s");
-  EXPECT_EQ(refused(shutter(R"("line_time_s": 1)")), "/shutter/velocity_m_s");
-  EXPECT_EQ(refused(shutter(line + R"("velocity_m_s": [1, 0])")), "/shutter/velocity_m_s");
-  EXPECT_EQ(refused(shutter(line + R"("rolling": true, )" + rate)), "/shutter/rolling");
   const std::string pose = R"("pose": {"position_m": [1757000, 0, 0], "nadir": {}}})";
   const auto poses = [&](const std::string& from, const std::string& to) {
     return R"("poses": [{"time_s": )" + from + ", " + pose + R"(, {"time_s": )" + to + ", " + pose + "]";

@@ -38,14 +38,6 @@ TEST(LensMap, WithoutCoefficientsIsTheIdentityEverywhere) {
   EXPECT_TRUE(std::isinf(lens.reach()));
 }
 
-TEST(LensMap, JacobianIsItsDerivative) {
-  const Lens lens(strong());
-  const double h = 1e-6;
-  const Eigen::Matrix2d j = lens.jacobian(0.3, -0.4);
-  EXPECT_LT((j.col(0) - (lens.distorted(0.3 + h, -0.4) - lens.distorted(0.3 - h, -0.4)) / (2 * h)).norm(), 1e-9);
-  EXPECT_LT((j.col(1) - (lens.distorted(0.3, -0.4 + h) - lens.distorted(0.3, -0.4 - h)) / (2 * h)).norm(), 1e-9);
-}
-
 // r (1 - k r^2) turns where its derivative 1 - 3 k r^2 is 0, at 2/3 of that radius.
 TEST(LensMap, EndsWhereTheRadialPolynomialTurns) {
   Distortion d;
@@ -61,18 +53,6 @@ TEST(LensMap, EndsWhereTheRadialPolynomialTurns) {
   ASSERT_TRUE(inside.has_value());
   EXPECT_LT(inside->norm(), fold);
   EXPECT_FALSE(lens.undistorted(1.001 * 2 / 3 * fold * cos, 1.001 * 2 / 3 * fold * sin).has_value());
-}
-
-TEST(LensMap, IsInvertedToRounding) {
-  const Lens lens(strong());
-  for (double x = -0.9; x <= 0.9; x += 0.15)
-    for (double y = -0.6; y <= 0.6; y += 0.15) {
-      ASSERT_TRUE(lens.holds(x, y));
-      const Eigen::Vector2d image = lens.distorted(x, y);
-      const auto back = lens.undistorted(image.x(), image.y());
-      ASSERT_TRUE(back.has_value()) << x << " " << y;
-      EXPECT_LT((*back - Eigen::Vector2d(x, y)).norm(), 1e-13) << x << " " << y;
-    }
 }
 
 Distortion opencv_terms() {

@@ -160,14 +160,5 @@ TEST(LightTree, SolarDiscIsShadowedByLowerOccluders) {
   EXPECT_FALSE(shaded(0.2666, 2 * rim_m));
 }
 
-TEST(LightTree, NightHasNoOccluders) {
-  const Vec3 sun = sun_over(0, 0, 90, 90);
-  LightTree receivers(point(sun), to_cartesian({0, 170, 0}));
-  receivers.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);
-  receivers.finish();
-  for (double lon = -180; lon < 180; lon += 5)
-    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(6, 0, lon), -2000, 8000)), 0);
-}
-
 }  // namespace
 }  // namespace selenograph::engine

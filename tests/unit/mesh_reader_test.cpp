@@ -200,33 +200,6 @@ class ObjectAssets : public MeshFiles {
   }
 };
 
-TEST_F(ObjectAssets, ConcurrentRequestsReadOnce) {
-  const api::Assets assets(folder_.path(), counted("sleep 0.3"));
-  std::vector<std::shared_ptr<const ObjectMesh>> found(6);
-  std::vector<std::thread> asking;
-  for (auto& mesh : found) asking.emplace_back([&] { mesh = assets.object("a"); });
-  for (std::thread& thread : asking) thread.join();
-  ASSERT_TRUE(found[0]);
-  for (const auto& mesh : found) EXPECT_EQ(mesh, found[0]);
-  EXPECT_EQ(reads(), 1);
-  EXPECT_EQ(assets.mesh_bytes(), found[0]->bytes());
-  EXPECT_EQ(assets.object("a"), found[0]);
-  EXPECT_EQ(reads(), 1);
-}
-
-TEST_F(ObjectAssets, CancelledReadsAreRepeatedForTheNextRequest) {
-  const api::Assets assets(folder_.path(), counted("[ -e " + (folder_ / "go") + " ] || exec sleep 60"));
-  const auto start = Clock::now();
-  EXPECT_THROW(assets.object("a", StopToken(start + 100ms)), Cancelled);
-  EXPECT_LT(Clock::now() - start, 5s);
-  // One waits for the other's reading, which is given up: it reads itself.
-  std::thread impatient([&] { EXPECT_THROW(assets.object("a", StopToken(Clock::now() + 500ms)), Cancelled); });
-  std::this_thread::sleep_for(200ms);
-  write("go", "");
-  EXPECT_TRUE(assets.object("a"));
-  impatient.join();
-}
-
 TEST_F(ObjectAssets, FaultsAreAssetErrors) {
   write("objects/c.obj", "f 1 2 3\n");
   const api::Assets assets(folder_.path(), test::mesh_options());
@@ -297,22 +270,6 @@ class AssetFiles : public ::testing::Test {
 };
 
 constexpr std::size_t kMany_bytes = std::size_t{64} << 20;
-
-TEST_F(AssetFiles, AreReadOnceForConcurrentRequests) {
-  write_stars("many", 50000);
-  const Assets assets(folder_.path());
-  std::vector<std::shared_ptr<const engine::StarCatalogue>> found(4);
-  std::vector<std::thread> requests;
-  for (auto& catalogue : found) requests.emplace_back([&] { catalogue = assets.stars("many"); });
-  for (std::thread& request : requests) request.join();
-  ASSERT_TRUE(found[0]);
-  EXPECT_EQ(found[0]->size(), 50000U);
-  for (const auto& catalogue : found) EXPECT_EQ(catalogue, found[0]);
-  EXPECT_EQ(assets.mesh_bytes(), found[0]->bytes());
-  EXPECT_GE(found[0]->bytes(), 50000 * sizeof(engine::Star));
-  write_stars("many", 10);
-  EXPECT_EQ(assets.stars("many")->size(), 10U);
-}
 
 TEST_F(AssetFiles, ACatalogueBeyondTheBudgetIsRefused) {
   write_stars("many", 50000);

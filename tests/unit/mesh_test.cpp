@@ -170,18 +170,6 @@ TEST_F(MeshTest, APoleIsOnePoint) {
   EXPECT_EQ(open_edges(mesh, border(82, 1000, 1000, 1000)), 0U);
 }
 
-TEST_F(MeshTest, VerticesAreThePosts) {
-  const Mesh mesh(*terrain_, {at(5, 3, 21)});
-  const MeshBlock& b = mesh.blocks()[0];
-  for (int r = 0; r <= 64; ++r)
-    for (int c = 0; c <= 64; ++c) {
-      const Vec3 expected = to_cartesian({dem::lat_deg_of(b.posts->extent.lat0 + r * b.posts->extent.lat_step),
-                                          dem::lon_deg_of(b.posts->extent.lon0 + c * b.posts->extent.lon_step),
-                                          static_cast<double>(b.posts->vertices[b.posts->index(r, c)].height_m)});
-      ASSERT_LT((b.vertex(r, c) - expected).norm(), 1e-8);
-    }
-}
-
 TEST_F(MeshTest, FindsTheBlockOfAPlace) {
   const auto blocks = box(5, 2, 10, 20, 28, pseudo_random);
   const Mesh mesh(*terrain_, blocks);
@@ -270,7 +258,7 @@ TEST_F(MeshTest, CancellationLeavesAValidMesh) {
   const auto start = StopToken::Clock::now();
   const Mesh whole(*terrain, blocks);
   const auto took = StopToken::Clock::now() - start;
-  const int trials = 60;
+  const int trials = 12;
   int given_up = 0;
   for (int trial = 0; trial < trials; ++trial) {
     terrain = opened();

@@ -157,20 +157,6 @@ TEST(PdsLabel, CornersDecideWhatOffsetsMean) {
   EXPECT_NE(product.complaint(wrong).find("contradict"), std::string::npos);
 }
 
-TEST(PdsLabel, DateLineTilesKeepTheirLongitudes) {
-  Product product;
-  LabelText e359;  // SLDEM2013 writes E359..E000, the seamless set ..E360
-  e359.map =
-      "MAP_RESOLUTION=30\nMAXIMUM_LATITUDE=1\nMINIMUM_LATITUDE=0\nWESTERNMOST_LONGITUDE=359\nEASTERNMOST_LONGITUDE=0\n"
-      "LINE_PROJECTION_OFFSET=30\nSAMPLE_PROJECTION_OFFSET=-10770\n";
-  EXPECT_EQ(geographic(product.describe(e359)).first_lon_deg, 359);
-  LabelText e179;
-  e179.map =
-      "MAP_RESOLUTION=30\nMAXIMUM_LATITUDE=1\nMINIMUM_LATITUDE=0.033333\nWESTERNMOST_LONGITUDE=179\n"
-      "EASTERNMOST_LONGITUDE=179.966667\nLINE_PROJECTION_OFFSET=30\nSAMPLE_PROJECTION_OFFSET=-5370\n";
-  EXPECT_EQ(geographic(product.describe(e179)).first_lon_deg, 179);
-}
-
 TEST(PdsLabel, PrefersResolutionToARoundedScale) {
   Product product;
   LabelText both;
@@ -188,41 +174,6 @@ TEST(PdsLabel, SyntheticTerrainIsToldByItsDataSet) {
   EXPECT_FALSE(product.describe(text).synthetic);
   text.pointer += "\nDATA_SET_ID = \"SYNTHETIC-TERRAIN\"";
   EXPECT_TRUE(product.describe(text).synthetic);
-}
-
-TEST(PdsLabel, SampleTypes) {
-  Product product;
-  LabelText text;
-  const auto sample = [&](const std::string& type, int bits) {
-    text.sample = "SAMPLE_TYPE = " + type + "\nSAMPLE_BITS = " + std::to_string(bits) + "\n";
-    return product.describe(text, 30 * 30 * 8).sample;
-  };
-  EXPECT_FALSE(sample("\"MSB_INTEGER\"", 16).little_endian);
-  EXPECT_TRUE(sample("LSB_INTEGER", 16).little_endian);
-  EXPECT_FALSE(sample("LSB_UNSIGNED_INTEGER", 16).has_sign);
-  EXPECT_EQ(sample("SUN_INTEGER", 32).bytes, 4);
-  EXPECT_TRUE(sample("PC_REAL", 32).little_endian && sample("PC_REAL", 32).real);
-  EXPECT_TRUE(!sample("IEEE_REAL", 64).little_endian && sample("IEEE_REAL", 64).real);
-  EXPECT_THROW(sample("MSB_INTEGER", 8), DataError);
-  EXPECT_THROW(sample("VAX_REAL", 32), DataError);
-  EXPECT_THROW(sample("CHARACTER", 16), DataError);
-}
-
-TEST(PdsLabel, Voids) {
-  Product product;
-  LabelText text;
-  const auto voids = [&](const std::string& lines) {
-    text.image = lines;
-    return product.describe(text, 30 * 30 * 8).voids;
-  };
-  EXPECT_TRUE(voids("UNIT = m\n").empty());
-  EXPECT_TRUE(voids("DUMMY = \"N/A\"\n").empty());
-  EXPECT_EQ(voids("DUMMY = -9999\nMISSING_CONSTANT = -32768\n"), (std::vector<double>{-9999, -32768}));
-  EXPECT_EQ(voids("CORE_NULL = -32768\n"), std::vector<double>{-32768});
-  text.sample = "SAMPLE_TYPE = PC_REAL\nSAMPLE_BITS = 32\n";
-  EXPECT_EQ(voids("MISSING_CONSTANT = 16#FF7FFFFB#\n"), std::vector<double>{-3.40282265508890445e+38});
-  text.sample = "SAMPLE_TYPE = IEEE_REAL\nSAMPLE_BITS = 64\n";
-  EXPECT_EQ(voids("MISSING_CONSTANT = 16#FFEFFFFFFFFFFFFB#\n"), std::vector<double>{-0x1.ffffffffffffbp+1023});
 }
 
 TEST(PdsLabel, PointersAndFiles) {

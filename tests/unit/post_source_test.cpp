@@ -43,22 +43,6 @@ struct LayerFiles {
 // A slope that is exact in float at every post of a 2^n lattice.
 double slope(double lat, double lon) { return 100 * lat - 50 * lon; }
 
-TEST(PostSource, LatticePostsAreCopiedBitForBit) {
-  TemporaryFolder folder;
-  std::mt19937 random(5);
-  const auto noise = [&](double, double) { return static_cast<double>(random() % 20000) - 9000; };
-  write_kaguya_tile(folder.path(), 12, 20, 2, 64, noise);
-  random.seed(5);
-  LayerFiles layers(folder.path());
-  const Posts posts = layers.source.compose(posts_window(6, 10 + 1.0 / 64, 20, 128, 128));
-  for (int r = 127; r >= 0; --r)  // the file runs from the north
-    for (int c = 0; c < 128; ++c) {
-      const auto at = static_cast<std::size_t>(r) * 128 + static_cast<std::size_t>(c);
-      ASSERT_EQ(posts.heights[at], static_cast<float>(noise(0, 0)));
-      ASSERT_EQ(posts.sources[at], 0);
-    }
-}
-
 TEST(PostSource, UncoveredPostsAreNoData) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 16, slope);
@@ -161,19 +145,6 @@ TEST(PostSource, SeamsOfAnotherLatticeAreClosedAndNotFilled) {
       ASSERT_FALSE(std::isnan(posts.heights[at])) << lat << ' ' << lon;
       ASSERT_NEAR(posts.heights[at], slope(lat, lon), 1) << lat << ' ' << lon;  // whole metres
     }
-}
-
-TEST(PostSource, AcrossTheDateLine) {
-  TemporaryFolder folder;
-  const auto east_slope = [](double lat, double lon) { return 100 * lat + 10 * (lon < 90 ? lon + 360 : lon); };
-  write_kaguya_tile(folder.path(), 2, 178, 2, 16, east_slope);
-  write_kaguya_tile(folder.path(), 2, 180, 2, 16, east_slope);
-  LayerFiles layers(folder.path());
-  const Posts posts = layers.source.compose(posts_window(4, 1, 179, 8, 32));
-  for (int r = 0; r < 8; ++r)
-    for (int c = 0; c < 32; ++c)
-      ASSERT_EQ(posts.heights[static_cast<std::size_t>(r * 32 + c)],
-                static_cast<float>(std::lround(east_slope(1 + r / 16.0, 179 + c / 16.0))));
 }
 
 TEST(PostSource, PolesAreOnePointAndRowsGoOnBeyond) {

@@ -52,14 +52,6 @@ std::vector<Pose> poses(std::initializer_list<double> places) {
   return list;
 }
 
-TEST(Preparation, PosesAheadArePreparedInOrder) {
-  Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
-  preparation.expect(frame_at(0), poses({10, 20, 30}));
-  preparation.wait_until_done();
-  EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30}));
-}
-
 TEST(Preparation, ReadyScenesAreNotPreparedAgain) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
@@ -145,20 +137,6 @@ TEST(Preparation, ExtrapolatesTheSun) {
   preparation.expect(next, {});
   preparation.wait_until_done();
   EXPECT_EQ(suns.size(), 8U) << "but its light from terrain changes at once";
-}
-
-TEST(Preparation, PausesWhileAFrameIsActive) {
-  Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
-  {
-    const FrameRequest frame = frame_at(0);
-    const Preparation::Work work(preparation, &frame);
-    preparation.expect(frame_at(0), poses({10}));
-    std::this_thread::sleep_for(20ms);
-    EXPECT_TRUE(prepared.places().empty());
-  }
-  preparation.wait_until_done();
-  EXPECT_EQ(prepared.places(), std::vector<double>{10});
 }
 
 TEST(Preparation, YieldsToAFrameAndResumes) {
@@ -252,26 +230,6 @@ TEST(Preparation, PreparationErrorsAreLeftToTheFrame) {
   preparation.expect(frame_at(0), poses({10, 20}));
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20}));
-}
-
-TEST(Preparation, AFrameExpectsNoMoreThanItsBudget) {
-  std::atomic<int> begun{0};
-  Preparation preparation(
-      [&](const FrameRequest&, const StopToken&) {
-        ++begun;
-        std::this_thread::sleep_for(20ms);
-        return kStillCached;
-      },
-      30ms);
-  const std::vector<Pose> many(64, frame_at(10).pose);
-  preparation.expect(frame_at(0), many);
-  preparation.wait_until_done();
-  EXPECT_GE(begun, 1);
-  EXPECT_LE(begun, 2) << "two take 40 ms or more";
-  const int before = begun;
-  preparation.expect(frame_at(1), poses({20}));
-  preparation.wait_until_done();
-  EXPECT_EQ(begun, before + 1) << "the next frame has a budget of its own";
 }
 
 TEST(Preparation, EndsWithItsBudget) {

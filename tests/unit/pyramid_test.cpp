@@ -241,46 +241,6 @@ TEST(Pyramid, NeighboursAgreeAroundTheDateLineAndThePole) {
     }
 }
 
-TEST(Pyramid, TheSeamBetweenTilesIsOrdinaryTerrain) {
-  for (const int ppd : {32, 20}) {  // on the lattice, and beside it
-    TemporaryFolder folder;
-    const auto slope = [](double lat, double lon) { return std::round(160 * lat - 320 * lon); };
-    for (const int top : {11, 12})
-      for (const int west : {20, 21}) write_kaguya_tile(folder.path(), top, west, 1, ppd, slope);
-    const auto terrain = open_terrain(folder.path());
-    std::mt19937 random(4);
-    std::uniform_real_distribution<double> along(10.2, 11.8), across(-1.0, 1.0);
-    for (int i = 0; i < 2000; ++i) {
-      const double a = along(random), d = across(random) / ppd;
-      for (const auto& [lat, lon] : {std::pair(11 + d, a + 10), std::pair(a, 21 + d)}) {
-        const HeightAnswer answer = terrain->height(lat, lon);
-        ASSERT_FALSE(std::isnan(answer.height_m)) << lat << ' ' << lon << " at " << ppd << " px/deg";
-        ASSERT_FALSE(answer.filled) << lat << ' ' << lon << " at " << ppd << " px/deg";
-        ASSERT_NEAR(answer.height_m, 160 * lat - 320 * lon, 1);
-      }
-    }
-  }
-}
-
-TEST(Pyramid, VoidsAreFilledFlaggedOrMissing) {
-  TemporaryFolder folder;
-  const auto small_hole = [](double lat, double lon) { return std::hypot(lat - 11, lon - 21) < 0.3; };
-  const auto large_hole = [](double lat, double lon) { return lat < 9.5 && lon > 22.5 && lat > 8.2 && lon < 23.8; };
-  write_float_tile(
-      folder.path(), "t", {12, 20, 64, 4 * 64 + 1, 4 * 64 + 1},
-      [](double lat, double lon) { return 64 * lat + 32 * lon; },
-      [&](double lat, double lon) { return small_hole(lat, lon) || large_hole(lat, lon); });
-  const auto terrain = open_terrain(folder.path());
-  const HeightAnswer filled = terrain->height(11.01, 21.02), plain = terrain->height(10.2, 20.7),
-                     missing = terrain->height(8.85, 23.15);
-  EXPECT_TRUE(filled.filled);
-  EXPECT_NEAR(filled.height_m, 64 * 11.01 + 32 * 21.02, 0.1);
-  EXPECT_FALSE(plain.filled);
-  EXPECT_NEAR(plain.height_m, 64 * 10.2 + 32 * 20.7, 0.1);
-  EXPECT_TRUE(std::isnan(missing.height_m));
-  EXPECT_EQ(missing.source, -1);
-}
-
 class PyramidFile : public ::testing::Test {
  protected:
   PyramidFile() { write_kaguya_tile(folder_ / "dem", 12, 20, 2, 32, noise); }
@@ -373,26 +333,6 @@ TEST_F(PyramidFile, EveryRegionIsProtected) {
   EXPECT_TRUE(damaged(good + "x"));
 }
 
-TEST_F(PyramidFile, DamageOnDiskIsRepaired) {
-  const auto right = posts(*open());
-  std::mt19937 random(3);
-  for (const std::string& file : files())
-    for (int i = 0; i < 6; ++i) {
-      const auto size = fs::file_size(file);
-      {
-        std::fstream f(file, std::ios::in | std::ios::out | std::ios::binary);
-        const auto at = static_cast<std::streamoff>(i == 0 ? 0 : random() % size);
-        f.seekg(at);
-        const int was = f.get();
-        f.seekp(at);
-        f.put(static_cast<char>(was ^ 0x55));
-      }
-      if (i == 5) fs::resize_file(file, size / 3);
-      const auto terrain = open();
-      ASSERT_EQ(posts(*terrain), right) << file;
-    }
-}
-
 // Opening a FIFO waits for its writer: without end.
 TEST_F(PyramidFile, AFifoInAFilesPlaceIsReplaced) {
   const auto right = posts(*open());
@@ -417,26 +357,6 @@ TEST_F(PyramidFile, DamageWhileServingIsRepaired) {
   ASSERT_TRUE(block);
   EXPECT_EQ(block->vertices[block->index(5, 5)].height_m, right);
   EXPECT_GT(terrain->statistics().chunks_rejected, 0U);
-}
-
-TEST_F(PyramidFile, AChangedSourceIsBuiltAgain) {
-  posts(*open());
-  write_kaguya_tile(folder_ / "dem", 12, 20, 2, 32, [](double, double) { return 5.0; });
-  fs::last_write_time(folder_ / "dem/DTM_MAP_02_N12E020N10E022SC.img",
-                      fs::file_time_type::clock::now() + std::chrono::seconds(5));
-  const auto terrain = open();
-  EXPECT_NEAR(terrain->height(11.3, 21.3).height_m, 5, 0.1);
-  EXPECT_GT(terrain->statistics().chunks_built, 0U);
-}
-
-TEST_F(PyramidFile, NeighbouringTileChangesTheEdge) {
-  posts(*open());
-  const auto before = open()->height(10.01, 21);
-  EXPECT_TRUE(std::isnan(before.height_m)) << "south of the last row";
-  write_kaguya_tile(folder_ / "dem", 10, 20, 2, 32, noise);
-  const auto after = open()->height(10.01, 21);
-  EXPECT_FALSE(std::isnan(after.height_m));
-  EXPECT_FALSE(after.filled);
 }
 
 // Next to a pole the posts that a chunk looks at beyond its border reach over some degrees of longitude.
@@ -601,8 +521,8 @@ TEST_F(PyramidFile, UnreadableFilesAreKept) {
   for (std::size_t i = 0; i < before.size(); ++i) EXPECT_EQ(fs::last_write_time(before[i]), times[i]);
 }
 
-TEST_F(PyramidFile, EachDeletionIsLogged) {
-  posts(*open());
+TEST_F(PyramidFile, DamageOnDiskIsRepairedAndLogged) {
+  const auto right = posts(*open());
   Told told;
   for (const std::string& file : files()) {
     std::fstream f(file, std::ios::in | std::ios::out | std::ios::binary);
@@ -612,7 +532,7 @@ TEST_F(PyramidFile, EachDeletionIsLogged) {
   }
   const std::vector<std::string> damaged = files();
   const auto terrain = told.open(folder_ / "dem", folder_ / "cache");
-  posts(*terrain);
+  EXPECT_EQ(posts(*terrain), right);
   const std::uint64_t deleted = terrain->statistics().chunks_rejected;
   EXPECT_GT(deleted, 0U);
   EXPECT_EQ(told.texts.size(), deleted);
@@ -623,41 +543,6 @@ TEST_F(PyramidFile, EachDeletionIsLogged) {
       return text.starts_with(file);
     })) << text;
   }
-}
-
-TEST_F(PyramidFile, FallThroughEndsWhenTheFileReturns) {
-  write_float_tile(folder_ / "dem", "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
-  const std::string data = folder_ / "dem/DTM_MAP_02_N12E020N10E022SC.img";
-  const auto terrain = open_terrain(folder_ / "dem", folder_ / "cache", true);
-  fs::rename(data, data + ".away");
-  EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, 1, 1e-3);
-  EXPECT_FALSE(terrain->warnings().empty());
-  fs::rename(data + ".away", data);
-  const auto later = open_terrain(folder_ / "dem", folder_ / "cache", true);
-  EXPECT_NEAR(later->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3)
-      << "the replacement was kept as if it were the tile";
-}
-
-TEST_F(PyramidFile, IngestBuildsEverythingAndResumes) {
-  const auto terrain = open();
-  std::size_t calls = 0;
-  terrain->ingest([&](std::size_t done, std::size_t total, const std::string&) {
-    EXPECT_EQ(done, ++calls);
-    EXPECT_LE(done, total);
-    return done < 1;
-  });
-  EXPECT_EQ(calls, 1U);
-  const auto resumed = open();
-  std::size_t total = 0;
-  resumed->ingest([&](std::size_t, std::size_t n, const std::string&) {
-    total = n;
-    return true;
-  });
-  EXPECT_EQ(resumed->statistics().chunks_built + resumed->statistics().chunks_read, total);
-  EXPECT_EQ(resumed->statistics().chunks_read, 1U);
-  const auto ready = open();
-  posts(*ready);
-  EXPECT_EQ(ready->statistics().chunks_built, 0U);
 }
 
 }  // namespace

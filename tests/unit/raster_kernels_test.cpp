@@ -120,39 +120,6 @@ TEST(DrawStrip, ASampleOnTheSharedEdgeIsSeenOnce) {
   });
 }
 
-TEST(DrawStrip, NearnessIsLinearInTheImage) {
-  const TileView view = square_view(32);
-  // 1, 1/2 and 1/4 at the corners (0, 0), (30, 0) and (0, 30).
-  const Grid slope = Grid::triangle({0, 0, 1}, {60, 0, 2}, {0, 120, 4});
-  at_every_width([&](const char* name) {
-    for (const bool in_float : {true, false}) {
-      const TileBuffer out = drawn(slope, view, in_float);
-      for (int y = 0; y <= 30; ++y)
-        for (int x = 0; x + y <= 30; ++x)
-          EXPECT_NEAR(out.nearness[pixel(view, x, y)], 1 - 0.5 * x / 30 - 0.75 * y / 30, 2e-7)
-              << name << " " << in_float << ": " << x << ", " << y;
-    }
-  });
-}
-
-TEST(DrawStrip, TheNearerTriangleWinsInEitherOrder) {
-  const TileView view = square_view(8);
-  const Grid near = Grid::triangle({0, 0, 1}, {3, 0, 1}, {0, 3, 1}),
-             far = Grid::triangle({0, 0, 2}, {14, 0, 2}, {0, 14, 2});
-  at_every_width([&](const char* name) {
-    for (const bool near_first : {true, false}) {
-      TileBuffer out;
-      out.clear(8, 8);
-      for (const bool draws_near : {near_first, !near_first}) {
-        const Grid& grid = draws_near ? near : far;
-        draw_strip(grid.block(), grid.strip(draws_near ? 1 : 2), view, false, out);
-      }
-      EXPECT_EQ(TriangleId(out.triangle[pixel(view, 1, 1)]).block(), 1U) << name;
-      EXPECT_EQ(TriangleId(out.triangle[pixel(view, 3, 3)]).block(), 2U) << name;
-    }
-  });
-}
-
 // Samples exactly on vertices, where six triangles are equally near; small triangles and large ones.
 TEST(DrawStrip, OfEquallyNearTrianglesTheSameWinsAtEveryWidth) {
   for (const int spacing : {1, 2, 9}) {
@@ -320,15 +287,6 @@ TEST(CastStrip, OneBackFacingTriangleShadowsWhatLiesBeneathIt) {
   });
 }
 
-TEST(CastStrip, ASlantedTriangleShadowsUpToItsPlane) {
-  // d = 1 + u / 4
-  const Grid slope = Grid::triangle({0, 0, 1}, {0, 4, 1}, {4, 0, 2});
-  at_every_width([&](const char* name) {
-    EXPECT_TRUE(shadows(slope, {2, 1, 1.499F})) << name;
-    EXPECT_FALSE(shadows(slope, {2, 1, 1.501F})) << name;
-  });
-}
-
 // Ground 8 km above the anchor, where float resolves half a millimetre. The Sun is in the east, 3 degrees up. Eastward
 // the ground rises by 2 degrees, by 3.2 degrees from the foot at 100 m to the crest at 200 m, and then falls.
 class ValleyAndRidge {
@@ -456,20 +414,6 @@ void expect_bounds_as_by_triangle(const Grid& grid, const LightAxes& axes, std::
 
 // The Sun is in the east, 36.9 degrees up.
 constexpr LightAxes kSunInTheEast{{0.6F, 0, -0.8F}, {0, 1, 0}, {0.8F, 0, 0.6F}};
-
-TEST(BoundOccluders, OnlyThePartWithATriangleThatFacesAwayHasABox) {
-  // A post of 8 m, north of the first row of parts, in the second column of them.
-  const auto ground = [](int r, int c) {
-    return Point{static_cast<float>(c), static_cast<float>(r), r == 11 && c == 12 ? 8.F : 0.F};
-  };
-  expect_bounds_as_by_triangle({64, 16, ground}, kSunInTheEast, 1);
-  LightBox box[kMaxOccluderBoxes];
-  const Grid grid(64, 16, ground);
-  ASSERT_EQ(bound_occluders(grid.block(), grid.strip(), kSunInTheEast, box), 1U);
-  EXPECT_EQ(box[0].v_low, 10);
-  EXPECT_EQ(box[0].v_high, 12);
-  EXPECT_FLOAT_EQ(box[0].d_high, 0.8F * 12 + 0.6F * 8);
-}
 
 TEST(BoundOccluders, PartsAreBoundedByTheirTrianglesThatFaceAway) {
   std::mt19937 random(2);

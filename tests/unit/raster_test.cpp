@@ -873,20 +873,6 @@ TEST_F(RasterTest, LatticeOnlyWherePostsAreMultiples) {
   EXPECT_EQ(inspect_raster(file("oblong.tif")).lattice_level, std::nullopt);
 }
 
-TEST_F(RasterTest, SouthUpAndEastToWestAreTurned) {
-  Tif t;
-  t.north = 0;
-  t.dy = 1;
-  t.west = 4;
-  t.dx = -1;
-  write(file("turned.tif"), t);
-  const RasterInfo info = inspect_raster(file("turned.tif"));
-  expect_at(info, 3.5, 0.5, 0, 0);
-  Raster raster(info);
-  EXPECT_EQ(post(raster, 0, 0), 303);  // the file's last
-  EXPECT_EQ(read(raster, 1, 0, 2, 2), (std::vector<float>{302, 301, 202, 201}));
-}
-
 TEST_F(RasterTest, EquirectangularMetres) {
   const double metres = kMoonRadius_m * M_PI / 180;
   Tif t;
@@ -1013,18 +999,6 @@ TEST_F(RasterTest, PolarFootprintBesideThePole) {
   const double half = std::atan2(1500, 20500) * 180 / M_PI;
   EXPECT_NEAR(f.west_deg, 180 - half, 1e-9);
   EXPECT_NEAR(f.east_deg, 180 + half, 1e-9);
-}
-
-TEST_F(RasterTest, PolarSpacing) {
-  Tif t;
-  t.srs = kSouth;
-  t.dx = 20;
-  t.dy = -20;
-  write(file("p.tif"), t);
-  const RasterInfo info = inspect_raster(file("p.tif"));
-  EXPECT_NEAR(info.post_spacing_m, 20, 1e-12);
-  EXPECT_NEAR(info.posts_per_degree, 1516.17, 0.01);  // as LOLA's labels round it
-  EXPECT_EQ(info.lattice_level, std::nullopt);
 }
 
 // ---- reading windows

@@ -36,17 +36,6 @@ class Refine : public test::SphereMesh {
   static inline const TriangleId kTriangle{0, 20, 30, false};
 };
 
-TEST_F(Refine, APlaceOnATriangleIsMetThere) {
-  const Vec3 place = place_on(kTriangle, 0.25, 0.5), origin = 1.02 * place + Vec3(3000, -2000, 1000);
-  const Met m = met(origin, (place - origin) / 4, kTriangle);
-  ASSERT_TRUE(m.hit());
-  EXPECT_EQ(m.triangle().packed(), kTriangle.packed());
-  EXPECT_LT((m.points.position(kLane) - place).norm(), 1e-8);
-  EXPECT_NEAR(m.points.distance[kLane], 4, 1e-12) << "in lengths of the direction";
-  EXPECT_NEAR(m.points.v[kLane], 0.25, 1e-9);
-  EXPECT_NEAR(m.points.w[kLane], 0.5, 1e-9);
-}
-
 TEST_F(Refine, TheNormalIsOutwardAndTwiceTheAreaLong) {
   const Vec3 place = place_on(kTriangle, 0.3, 0.3);
   const Met m = met(1.01 * place, -place, kTriangle);

@@ -178,28 +178,6 @@ TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
   EXPECT_NO_THROW(renderer().render(request));
 }
 
-TEST_F(SmoothMoon, RaysMeetTheSphere) {
-  std::mt19937 random(1);
-  std::normal_distribution<double> normal;
-  std::vector<Ray> rays;
-  for (int i = 0; i < 37; ++i) {
-    const Vec3 from = to_cartesian({-12 + 0.01 * i, 77, 1000});
-    rays.push_back(
-        {from, (-from.normalized() + 0.1 * Vec3(normal(random), normal(random), normal(random))).normalized()});
-  }
-  rays.push_back({to_cartesian({0, 0, 1000}), Vec3::UnitX()});  // into space
-  const auto hits = test::cast_rays(renderer(), rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
-  for (std::size_t i = 0; i + 1 < rays.size(); ++i) {
-    const double b = rays[i].origin_m.dot(rays[i].direction),
-                 c = rays[i].origin_m.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
-    ASSERT_TRUE(hits[i].hit);
-    ASSERT_NEAR(hits[i].range_m, -b - std::sqrt(b * b - c), 0.004);
-    ASSERT_LT((hits[i].normal - hits[i].position_m.normalized()).norm(), 1e-3);
-    ASSERT_EQ(hits[i].lit, 1);
-  }
-  EXPECT_FALSE(hits.back().hit);
-}
-
 // As far away as requests may say; a ray from the Moon's middle meets no ground from above, and misleads no other.
 TEST_F(SmoothMoon, RaysFromFarAwayMeetTheSphere) {
   const Vec3 place = to_cartesian({-12.13, 77.21, 0});
@@ -274,26 +252,6 @@ TEST(FinestSurface, HeightsAreWhatRaysMeetWherePostsAreLeftOut) {
   const Differences found = heights_and_rays(renderer, places);
   EXPECT_GT(found.places, 600U);
   EXPECT_LT(found.worst_m, 1e-6);
-}
-
-TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
-  const FrameRequest r = nadir(12, 40, 30000, 200, 60);
-  const View view(r.camera, r.pose);
-  std::vector<LandmarkQuery> queries{{12, 40, {}},         {12.2, 40.1, 0.0}, {12.2, 40.1, 500.0},
-                                     {12.1, 39.9, -500.0}, {12, 60, {}},      {-12, -140, {}}};
-  const auto marks = test::project_landmarks(renderer(), r, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
-  EXPECT_NEAR(marks[0].x_px, 99.5, 1e-6);
-  EXPECT_NEAR(marks[0].y_px, 99.5, 1e-6);
-  EXPECT_NEAR(marks[0].range_m, 30000, 0.003);
-  EXPECT_NEAR(marks[0].height_m, 0, 0.003);
-  EXPECT_TRUE(marks[0].visible && marks[0].in_frame && marks[1].visible && marks[2].visible);
-  EXPECT_EQ(marks[0].lit, 1);
-  EXPECT_EQ(marks[2].lit, 1);
-  EXPECT_FALSE(marks[3].visible) << "underground";
-  EXPECT_EQ(marks[3].lit, 0);
-  EXPECT_FALSE(marks[4].in_frame || marks[4].visible);
-  EXPECT_FALSE(marks[5].visible);
-  EXPECT_EQ(marks[5].lit, 0) << "on the night side";
 }
 
 // One mountain on an otherwise smooth plain, finest posts of level 8 (474 m): a cone, 3 posts wide.
@@ -431,17 +389,6 @@ TEST_F(Mountain, ALandmarkWithoutDataBelow) {
     EXPECT_TRUE(std::isnan(marks[2].height_m) && std::isnan(marks[2].lit));
     EXPECT_EQ(marks[3].lit, 0) << "buried";
   }
-}
-
-TEST_F(Mountain, OutsideTheDataIsMissing) {
-  TemporaryFolder folder;
-  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
-  FrameRequest request = nadir(12, 30, 20000, 64, 50);  // the northern border crosses the image
-  const Frame frame = renderer.render(request);
-  EXPECT_NEAR(frame.report.missing_fraction, 0.5, 0.05);
-  EXPECT_NEAR(frame.report.hit_fraction + frame.report.missing_fraction, 1, 1e-12);
-  EXPECT_TRUE(std::isnan(frame.products.depth[32]));
-  EXPECT_FALSE(std::isnan(frame.products.depth[63 * 64 + 32]));
 }
 
 }  // namespace

@@ -11,7 +11,6 @@
 #include <set>
 #include <tuple>
 
-#include "api/requests/features_json.h"
 #include "dem/base/error.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
@@ -187,44 +186,6 @@ TEST(RockSurvey, SearchesAsMuchGroundAtAPoleAsAtTheEquator) {
   }
 }
 
-// Each by itself, whatever is called before and after it.
-TEST(RockField, CellSearchStopsWhenTold) {
-  dem::CraterLaw with_craters;
-  with_craters.smallest_m = 16, with_craters.largest_m = 200;
-  const dem::CraterField craters(with_craters);
-  const dem::RockField field(law_of(7, 5));
-  const std::atomic<bool> abandoned{true};
-  const StopToken stop(StopToken::Clock::time_point::max(), &abandoned);
-  for (const double lat : {0.0, 89.9, -90.0}) {
-    const Vec3 direction = to_cartesian({lat, 20, 0}).normalized();
-    const dem::Footprint box{std::min(lat, 89.8), std::min(lat, 89.8) + 0.1, 20, 21};
-    std::vector<dem::Crater> near;
-    std::vector<dem::Rock> rocks;
-    EXPECT_THROW(craters.near(5, direction, 1000, near, stop), Cancelled) << lat;
-    EXPECT_THROW(craters.in_box(5, box, stop), Cancelled) << lat;
-    EXPECT_THROW(field.fresh(craters, 100, direction, 1000, stop), Cancelled) << lat;
-    EXPECT_THROW(field.in_box(0, box, {}, rocks, stop), Cancelled) << lat;
-  }
-}
-
-// Where small craters have rocks, too, blocks are smaller: what is kept of one stays some kilobytes.
-TEST(RockSurvey, SurroundingsOfSmallCratersAreSmall) {
-  const TemporaryFolder folder;
-  test::write_global_tile(folder.path(), 4, [](double, double) { return 0; });
-  dem::DetailPreset preset;
-  preset.craters.smallest_m = 0.5, preset.craters.largest_m = 200;
-  preset.craters.frequency = {{{10 * std::pow(10, -1.1), 2}}};  // the densest that a preset may have
-  preset.rocks = law_of(5, 5);
-  preset.rocks.smallest_crater_m = 0.5, preset.rocks.half_life_Ma = 4500;
-  const dem::DetailedTerrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
-  const dem::RockSurvey survey(terrain);
-  for (const double lat : {0.0, 89.999}) {
-    const auto craters = survey.fresh_around(survey.block_around(lat, 20), {});
-    EXPECT_GT(craters->size(), 500U) << lat;
-    EXPECT_LT(craters->size() * sizeof(dem::FreshCrater), std::size_t{512} << 10) << lat;
-  }
-}
-
 // Rocks cover 0.4 % of the Moon (Bandfield et al. 2011), of the rockiest ejecta 0.27 (age / Ma)^-0.46 (Ghent et al.
 // 2014): the default law has so many times as many there.
 TEST(RockField, EjectaAreAsRockyAsPublished) {
@@ -275,31 +236,6 @@ TEST(RockField, OldRocksAreBuriedDeeperAndHaveHigherFillets) {
   // Each rock by itself.
   EXPECT_LT(old.least, 0.2);
   EXPECT_GT(old.most, 0.65);
-}
-
-// How high they are said to be is how high they are, of rocks of all ages that there are in the landing's law.
-TEST(RockField, WhatIsSaidOfTheirHeights) {
-  const auto columns = api::rock_columns();
-  const auto diameter =
-      std::ranges::find(columns, std::string_view("diameter_m"), &api::FeatureColumn<dem::RockFeature>::name);
-  ASSERT_NE(diameter, columns.end());
-  const std::string said(diameter->meaning);
-  double least = 0, most = 0, mean = 0;
-  ASSERT_EQ(std::sscanf(said.substr(said.find("which it is")).c_str(), "which it is %lf to %lf high, %lf on average",
-                        &least, &most, &mean),
-            3)
-      << said;
-  const dem::RockField field(law_of(1, 5));
-  double sum = 0;
-  int count = 0, within = 0;
-  for (const double age_Ma : {0.0, 20.0, 60.0, 120.0, 300.0, 600.0})
-    for (std::uint64_t i = 0; i < 400; ++i, ++count) {
-      const dem::Rock rock = rock_of(field, age_Ma, i);
-      const double high = rock.height_m / rock.diameter_m;
-      sum += high, within += high > least && high < most;
-    }
-  EXPECT_GT(within, 0.98 * count);
-  EXPECT_NEAR(sum / count, mean, 0.03);
 }
 
 // Of a block, kept, as of a box, and as without anything kept; nothing is looked for twice.
@@ -404,48 +340,6 @@ TEST(RockShapes, LieAsTheListHasThem) {
     for (const Vec3& a : places_of(*soil)) EXPECT_LT(a.norm(), rock.diameter_m);
   }
   EXPECT_GT(meshes.size(), 15U);
-}
-
-// Share of a shape's area whose normals are within 12 degrees of one of eight, chosen one by one for the largest area.
-double area_of_facets(const engine::ObjectShape& shape) {
-  std::vector<Vec3> facets;  // normals, as long as twice the area
-  double area = 0, in_facets = 0;
-  for (const engine::ObjectTriangle& t : shape.triangles) {
-    facets.push_back((shape.place(t, 1) - shape.place(t, 0)).cross(shape.place(t, 2) - shape.place(t, 0)));
-    area += facets.back().norm();
-  }
-  const double cosine = std::cos(12 * kRadiansPerDegree);
-  for (int i = 0; i < 8; ++i) {
-    double largest = 0;
-    Vec3 normal = Vec3::Zero();
-    const auto is_near = [&](const Vec3& facet, const Vec3& other) {
-      return facet.dot(other) >= cosine * facet.norm() * other.norm();
-    };
-    for (const Vec3& centre : facets) {
-      double sum = 0;
-      for (const Vec3& facet : facets)
-        if (is_near(facet, centre)) sum += facet.norm();
-      if (sum > largest) largest = sum, normal = centre;
-    }
-    in_facets += largest;
-    std::erase_if(facets, [&](const Vec3& facet) { return is_near(facet, normal); });
-  }
-  return in_facets / area;
-}
-
-// Blocks on the Moon are angular to subangular, and old ones keep facets. (A ball has 0.09 of its area in eight.)
-TEST(RockShapes, HaveFacets) {
-  const auto& meshes = engine::rock_shapes();
-  double mean[engine::kRoundings] = {};
-  for (std::size_t i = 0; i < meshes.size(); ++i) {
-    const double facets = area_of_facets(meshes[i]->shape());
-    EXPECT_GT(facets, 0.45) << i;
-    mean[i % engine::kRoundings] += facets / engine::kStones;
-  }
-  fmt::print("area in eight facets: sharp {:.2f}, chipped {:.2f}, rounded {:.2f}\n", mean[0], mean[1], mean[2]);
-  EXPECT_GT(mean[0], 0.65);
-  EXPECT_GT(mean[1], 0.65);
-  EXPECT_GT(mean[2], 0.55);
 }
 
 // It is as high as its rock's side has it, on some sides next to nothing, slopes as loose soil does, and goes on below
@@ -639,45 +533,6 @@ TEST_F(RocksInFrames, AreTheSameWhateverWasSeenBefore) {
     EXPECT_EQ(0, std::memcmp(frame.products.lit.data(), alone.products.lit.data(),
                              alone.products.lit.size() * sizeof(float)));
   }
-}
-
-// Together all rocks of the blocks below are looked for, alone those along the ray.
-TEST_F(RocksInFrames, RaysMeetTheSameOnesAloneAndTogether) {
-  const double ground_m = renderer_->terrain_with(detail_)->height(kLat, kLon).height_m;
-  int all_on_rocks = 0;
-  struct Fan {
-    double height_m, below_horizon_deg, azimuth_deg, half_width_deg;
-  };
-  for (const Fan& fan : {Fan{50, 80, 10, 4}, Fan{40, 30, 200, 4}, Fan{3, 4, 300, 3}}) {
-    const Vec3 from = to_cartesian({kLat, kLon, ground_m + fan.height_m});
-    const EastNorthUp axes = local_axes(from);
-    std::vector<engine::Ray> rays;
-    constexpr int kSide = 16;
-    for (int i = 0; i < kSide * kSide; ++i) {
-      const auto off = [&](int k) { return fan.half_width_deg * (2.0 * k / kSide - 1); };
-      const double down = (fan.below_horizon_deg + off(i / kSide)) * kRadiansPerDegree,
-                   around = (fan.azimuth_deg + off(i % kSide)) * kRadiansPerDegree;
-      const Vec3 ahead = std::sin(around) * axes.east + std::cos(around) * axes.north;
-      rays.push_back({from, (std::cos(down) * ahead - std::sin(down) * axes.up).normalized()});
-    }
-    const engine::Sun sun{(std::sin(0.2) * axes.up + std::cos(0.2) * axes.east).normalized(), 1, 0.27};
-    const std::vector<engine::RayHit> together = test::cast_rays(*renderer_, rays, sun, {}, detail_);
-    int on_rocks = 0, asked = 0, other = 0, other_light = 0;
-    for (std::size_t i = 0; i < rays.size(); i += 7, ++asked) {
-      const engine::RayHit alone = test::cast_rays(*renderer_, {&rays[i], 1}, sun, {}, detail_).front();
-      on_rocks += alone.rock.has_value();
-      other += alone.hit != together[i].hit || alone.rock != together[i].rock ||
-               std::abs(alone.range_m - together[i].range_m) > 1e-6;
-      other_light += std::abs(alone.lit - together[i].lit) > 0.01;
-    }
-    fmt::print("{} degrees below the horizon: {} of {} rays on rocks; otherwise: {}, light {}\n", fan.below_horizon_deg,
-               on_rocks, asked, other, other_light);
-    all_on_rocks += on_rocks;
-    // Float chooses the triangle, relative to another place: a ray along an outline may miss what it touches.
-    EXPECT_LE(other, 1);
-    EXPECT_LE(other_light, 1);
-  }
-  EXPECT_GT(all_on_rocks, 5);
 }
 
 // A ray is followed in steps: what it meets is the same wherever on its way the steps begin. All of the ground below

@@ -127,15 +127,6 @@ std::vector<RowCase> row_cases() {
   return all;
 }
 
-TEST(RowViews, WithoutAShutterThereIsOneView) {
-  const Camera camera = test::square_camera(64, 40);
-  const RowViews views(camera, in_orbit(0), {});
-  EXPECT_FALSE(views.vary());
-  EXPECT_EQ(views.bundles().size(), 1U);
-  EXPECT_EQ(views.of(0).position(), views.of(63).position());
-  EXPECT_EQ(views.line(17), 17);
-}
-
 TEST(RowViews, EachRowHasThePoseOfItsTime) {
   for (const RowCase& c : row_cases()) {
     SCOPED_TRACE(c.name);
@@ -194,17 +185,6 @@ TEST(RowViews, BundlesBoundAllRows) {
     }
     EXPECT_GT(seen, 2000);
   }
-}
-
-TEST(RowViews, WithoutMotionThereIsOneBundleAndThatIsTheView) {
-  const Camera camera = test::square_camera(64, 40);
-  const RowViews still(camera, in_orbit(0), at_rates(1, {}, false)), plain(camera, in_orbit(0), {});
-  ASSERT_EQ(still.bundles().size(), 1U);
-  const ViewBundle &a = still.bundles()[0], &b = plain.bundles()[0];
-  EXPECT_EQ(a.shift_m, 0);
-  EXPECT_EQ(a.turn_rad, 0);
-  const Vec3 place = to_cartesian({0.1, 0.2, 0});
-  EXPECT_EQ(a.pixels_per_metre(place, 700, 5000), b.view.pixels_per_metre(place, 700, 5000));
 }
 
 // Back to the pixel from which a point was seen.
@@ -290,20 +270,6 @@ TEST(RowViews, PointsSeenDuringFastTurnsAreFoundInTheImage) {
   EXPECT_LT(elsewhere, all / 4) << "that are seen by several rows";
 }
 
-TEST(RowViews, BundlesAreOfAllRowsInOrder) {
-  for (const RowCase& c : row_cases()) {
-    SCOPED_TRACE(c.name);
-    const RowViews views(c.camera, in_orbit(0), c.shutter);
-    int next = 0;
-    for (const ViewBundle& some : views.bundles()) {
-      EXPECT_EQ(some.first_row, next);
-      EXPECT_GT(some.past_last_row, next);
-      next = some.past_last_row;
-    }
-    EXPECT_EQ(next, c.camera.height);
-  }
-}
-
 // Before the first row and after the last one nothing is seen, though the line would get there.
 TEST(RowViews, PointsBeyondTheStripAreNotSeen) {
   const RowCase strip = row_cases()[4];
@@ -317,26 +283,6 @@ TEST(RowViews, PointsBeyondTheStripAreNotSeen) {
   EXPECT_TRUE(views.find(below(999.4)));
   EXPECT_FALSE(views.find(below(999.6)));
   EXPECT_FALSE(views.find(below(-200)));
-}
-
-TEST(AimRows, WithoutMotionTheyAreThePacketsRaysBitForBit) {
-  for (const RowCase& c : row_cases()) {
-    if (c.shutter.pushbroom) continue;
-    SCOPED_TRACE(c.name);
-    const RowViews still(c.camera, in_orbit(0), at_rates(1, {}, false));
-    const PacketRays plain(still.reference());
-    const PixelRays centres(c.camera, 0, 0);
-    for (const double aside : {0.0, 0.25, 1.0 / 6})
-      for (int y = 0; y < c.camera.height; y += kPacketSide)
-        for (int x = 0; x < c.camera.width; x += kPacketSide) {
-          const PixelRays* lens = aside == 0 && !centres.x.empty() ? &centres : nullptr;
-          Rays a, b;
-          std::memset(&a, 0, sizeof a), std::memset(&b, 0, sizeof b);
-          plain.aim(PacketShape::square, x, y, aside, -aside, lens, a);
-          aim_rows(still, PacketShape::square, x, y, aside, -aside, lens, b);
-          ASSERT_EQ(std::memcmp(&a, &b, sizeof a), 0) << x << " " << y;
-        }
-  }
 }
 
 }  // namespace

@@ -127,6 +127,7 @@ TEST_F(SelectionTest, TheReportedErrorHolds) {
         ++compared;
       }
       EXPECT_GT(compared, 100);
+      EXPECT_LE(s.error_px, allowed);
       EXPECT_LE(worst, s.error_px + 1e-6);
       // The reported sag of the chords (8 mm at the posts' level here) is that over level ground; on slopes of 45
       // degrees it is threefold.
@@ -182,14 +183,6 @@ TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
   EXPECT_GT(coarse, 1000);
 }
 
-TEST_F(SelectionTest, ErrorsStayWithinWhatIsAllowedWherePostsPermit) {
-  for (const View& view : views())
-    for (const double allowed : {0.5, 1.0, 4.0}) {
-      const Selection s = select_for_view(*terrain_, view, nullptr, {.max_error_px = allowed}, {});
-      EXPECT_LE(s.error_px, allowed);
-    }
-}
-
 TEST_F(SelectionTest, ZeroMeansTheFinestPosts) {
   const Selection s = select_for_view(*terrain_, views()[1], nullptr, {.max_error_px = 0}, {});
   ASSERT_FALSE(s.blocks.empty());
@@ -232,16 +225,6 @@ TEST_F(SelectionTest, DoesNotDependOnLoadedBlocks) {
     EXPECT_EQ(select_for_view(*warm, all[i], &sun, {.max_error_px = 0.5}, {}).blocks, expected[i]);
   for (std::size_t i = 0; i < all.size(); ++i)
     EXPECT_EQ(select_for_view(*warm, all[i], &sun, {.max_error_px = 0.5}, {}).blocks, expected[i]);
-}
-
-TEST_F(SelectionTest, TheSunOnlyAdds) {
-  const View view = views()[0];
-  const auto without = select_for_view(*terrain_, view, nullptr, {.max_error_px = 1}, {}).blocks;
-  const Sun high{view.position().normalized(), 1, 0};
-  const Vec3 east = local_axes(view.position()).east;
-  const Sun low{(east + 0.03 * view.position().normalized()).normalized(), 1, 0};
-  EXPECT_GE(select_for_view(*terrain_, view, &high, {.max_error_px = 1}, {}).blocks.size(), without.size());
-  EXPECT_GT(select_for_view(*terrain_, view, &low, {.max_error_px = 1}, {}).blocks.size(), without.size());
 }
 
 std::size_t scene_bytes(const Selection& selection) {
@@ -383,54 +366,6 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
     }
 }
 
-// Where a coarser level of detail is in view beside a block, and nowhere else: not beside what only casts shadows.
-TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
-  dem::DetailPreset preset;
-  preset.craters.smallest_m = 2, preset.craters.largest_m = 200;
-  const TemporaryFolder folder;
-  const dem::DetailedTerrain terrain(nearly_level(folder), std::make_shared<const dem::Detail>(preset));
-  const Vec3 target = to_cartesian({10, 26, terrain.height(10, 26).height_m});
-  for (const bool oblique : {false, true}) {
-    const View view =
-        view_from(to_cartesian({oblique ? 9.97 : 10, 26, target.norm() - kMoonRadius_m + 600}), target, 600);
-    const EastNorthUp axes = local_axes(target);
-    const Sun sun{(axes.up * 0.2 + axes.east).normalized()};
-    const Selection s = select_for_view(terrain, view, &sun, {}, {});
-    std::map<BlockId, bool> seen;
-    for (const BlockId& id : s.blocks) seen[id] = in_view(terrain, view, id);
-    int corners = 0, largest_between = 0;
-    std::map<std::tuple<int, dem::Tick, dem::Tick>, int> shares;  // of a level at a corner
-    for (std::size_t i = 0; i < s.blocks.size(); ++i) {
-      const BlockId& id = s.blocks[i];
-      const dem::BlockExtent e = dem::extent_of(id);
-      for (int corner = 0; corner < kCorners; ++corner) {
-        const dem::Tick lat = corner / 2 ? e.lat1() : e.lat0, lon = corner % 2 ? e.lon1() : e.lon0;
-        bool coarser = false;
-        for (const int north : {-1, 0})
-          for (const int east : {-1, 0})
-            for (int level = id.level - 1; level > id.level - 3; --level) {
-              const auto other = seen.find(dem::block_at(level, lat + north, dem::wrap_lon(lon + east)));
-              coarser |= other != seen.end() && other->second;
-            }
-        const bool softened =
-            seen[id] && terrain.has_detail(id) && id.level < terrain.detail().finest_level() && !s.soft_corners.empty();
-        const int share = s.soft_corners.empty() ? 0 : share_at(s.soft_corners[i], corner);
-        EXPECT_EQ(share == kSoftBlocks, softened && coarser) << i << ' ' << corner;
-        corners += share == kSoftBlocks;
-        if (softened) {
-          EXPECT_EQ(shares.try_emplace({id.level, lat, dem::wrap_lon(lon)}, share).first->second, share) << i;
-        }
-        // The share falls by one from a corner to any other of a block, and by no more.
-        for (int other = 0; softened && other < kCorners; ++other)
-          EXPECT_GE(share, share_at(s.soft_corners[i], other) - 1) << i << ' ' << corner << ' ' << other;
-        largest_between = share < kSoftBlocks ? std::max(largest_between, share) : largest_between;
-      }
-    }
-    EXPECT_EQ(corners > 10, oblique) << corners;
-    EXPECT_EQ(largest_between, oblique ? kSoftBlocks - 1 : 0);
-  }
-}
-
 // Once shadows' target was let go for good before detail gave way: edges could be off by tens of thousands of pixels.
 TEST_F(SelectionTest, WhereDetailGivesWayShadowsKeepTheirTarget) {
   dem::DetailPreset preset;
@@ -447,30 +382,6 @@ TEST_F(SelectionTest, WhereDetailGivesWayShadowsKeepTheirTarget) {
     EXPECT_LE(s.shadow_limit_px, 512) << height_m;
   }
   EXPECT_GT(gave_way, 0);
-}
-
-// Of the levels above the one that is shown most blocks are known to be too coarse without being made.
-TEST_F(SelectionTest, BlocksThatAreSurelyTooCoarseAreNotMade) {
-  dem::DetailPreset preset;
-  preset.craters.smallest_m = 0.25;
-  const auto plain = open();
-  const dem::DetailedTerrain terrain(plain, std::make_shared<const dem::Detail>(preset));
-  const double ground_m = terrain.height(10, 26, {}).height_m;
-  int outlined = 0, made = 0;
-  for (const double height_m : {600, 300, 62}) {
-    const View view = view_from(to_cartesian({10, 26, ground_m + height_m}), to_cartesian({10, 26, 0}), 800);
-    std::set<BlockId> parents;
-    for (const BlockId& id : select_for_view(terrain, view, nullptr, {}, {}).blocks)
-      if (terrain.has_detail(id)) parents.insert(dem::ancestor_of(id, id.level - 1));
-    for (const BlockId& parent : parents) {
-      if (!terrain.outline(parent, {})) continue;
-      const std::uint64_t before = plain->statistics().misses;
-      ASSERT_TRUE(terrain.block(parent));
-      ++outlined, made += plain->statistics().misses == before;
-    }
-  }
-  EXPECT_GT(outlined, 50);
-  EXPECT_LT(made, outlined / 2) << outlined;
 }
 
 TEST_F(SelectionTest, StopsWhenTold) {

@@ -100,14 +100,6 @@ TEST_F(ShadowMapTest, AHighSunOrOneFromBehindLeavesNone) {
   EXPECT_TRUE(shadowed(ShadowMap(mesh(), sun(170)), points).empty());
 }
 
-// Kept from frame to frame: what one frame had no memory to finish, the next one does.
-TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
-  LightSamples samples;
-  samples.u.resize(1000);
-  samples.reserve(1000);
-  for (const std::size_t size : {samples.v.size(), samples.d.size(), samples.pixel.size()}) EXPECT_GE(size, 1000U);
-}
-
 // Points behind the cliff's edge at distances of 20 to 320 m, so that the edge is so many radii above the disc's
 // middle.
 TEST_F(ShadowMapTest, DiscIsPartlyVisibleBehindAnEdge) {

@@ -269,7 +269,7 @@ TEST(Planets, AreWhereDe431HasThemWithinTheStatedBounds) {
     const SkyObserver observer(epoch.utc, Vec3::Zero(), Vec3::Zero());
     for (std::size_t i = 0; i < 7; ++i) {
       const Vec3 found = observer.planet(other_planets()[i]).from_observer;
-      const double off_arcsec = angle_between(found, epoch.places[i].direction()) * kDegreesPerRadian * 3600;
+      const double off_arcsec = angle_between(found, epoch.direction(i)) * kDegreesPerRadian * 3600;
       worst_arcsec[i] = std::max(worst_arcsec[i], off_arcsec);
     }
   }

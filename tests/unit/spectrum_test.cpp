@@ -66,18 +66,6 @@ TEST(Planck, AllWavelengthsAreStefanAndBoltzmann) {
   }
 }
 
-// What eqs. (8) and (9) take for an integral: radiance at the centre times the width, Delta lambda << lambda.
-TEST(Planck, NarrowBandsAreTheirCentreTimesTheirWidth) {
-  double before = 1;
-  for (const double width : {1.0, 0.1, 0.01}) {
-    const double integral = planck_w_m2_sr(Band(10, width), 400), product = planck_w_m2_sr_um(10, 400) * width;
-    const double error = std::abs(product / integral - 1);
-    EXPECT_LT(error, 2e-3 * width * width);
-    EXPECT_LT(error, before / 50);  // by the square of the width
-    before = error;
-  }
-}
-
 TEST(SolarSpectrum, TheTotalIsTheSolarConstant) {
   double total = 0;
   for (std::size_t i = 0; i + 1 < astm_e490().size(); ++i) {
@@ -195,16 +183,6 @@ TEST(Photons, AreCountedOverTheBand) {
 TEST(Photons, NarrowBandMatchesThePaper) {
   EXPECT_NEAR(sunlight_wavelength_um(Band(0.65, 1e-3), {}), 0.65, 1e-5);
   EXPECT_NEAR(sunlight_wavelength_um(Band(0.65, 1e-3), {{0.4, 0.5}, {0.9, 0.5}}), 0.325, 1e-5);
-}
-
-TEST(Photons, WideBandIsTheSumOfItsParts) {
-  const Band whole(0.65, 0.5);
-  double parts = 0;
-  for (int k = 0; k < 10; ++k) {
-    const Band part(0.425 + 0.05 * k, 0.05);
-    parts += solar_irradiance_w_m2(part) * sunlight_wavelength_um(part, {});
-  }
-  EXPECT_NEAR(parts / (solar_irradiance_w_m2(whole) * sunlight_wavelength_um(whole, {})), 1, 1e-5);
 }
 
 // Steps at an efficiency's ends, and none of the band left.

@@ -38,21 +38,6 @@ double plane_height(const Geographic& a, const Geographic& b, const Geographic& 
   return static_cast<double>(1 / sum - static_cast<long double>(kMoonRadius_m));
 }
 
-TEST(Terrain, PostsAreExact) {
-  TemporaryFolder folder;
-  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
-  const auto terrain = open_terrain(folder.path());
-  std::mt19937 random(1);
-  for (int i = 0; i < 3000; ++i) {
-    const double lat = 12 - static_cast<double>(random() % 512) / 256,
-                 lon = 20 + static_cast<double>(random() % 512) / 256;
-    const HeightAnswer answer = terrain->height(lat, lon);
-    ASSERT_NEAR(answer.height_m, bumpy(lat, lon), 2e-9) << lat << ' ' << lon;
-    ASSERT_EQ(answer.source, 0);
-    ASSERT_NEAR(answer.post_spacing_m, post_spacing_m(8), 1e-9);
-  }
-}
-
 TEST(Terrain, BetweenPostsPlaneTriangles) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
@@ -128,22 +113,6 @@ TEST(Terrain, LoadersNeverWaitForTheirWaiters) {
   EXPECT_TRUE(block);
 }
 
-TEST(Terrain, NoDataOutside) {
-  TemporaryFolder folder;
-  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
-  const auto terrain = open_terrain(folder.path());
-  for (const auto& [lat, lon] :
-       {std::pair(12.01, 21.0), std::pair(11.0, 19.99), std::pair(11.0, 22.01), std::pair(-60.0, 100.0),
-        std::pair(90.0, 0.0), std::pair(-90.0, 0.0), std::pair(10.0, 21.0)}) {
-    const HeightAnswer answer = terrain->height(lat, lon);
-    EXPECT_TRUE(std::isnan(answer.height_m)) << lat << ' ' << lon;
-    EXPECT_EQ(answer.source, -1);
-    EXPECT_FALSE(answer.filled);
-  }
-  EXPECT_FALSE(terrain->has_data(block_at(8, 0, 0)));
-  EXPECT_EQ(terrain->block(block_at(8, 0, 0)), nullptr);
-}
-
 // Tiles whose outermost posts lie half a post within their borders: whole blocks are between those of two tiles, and
 // beside the poles.
 TEST(Terrain, BlocksBetweenFarPostsHaveData) {
@@ -170,38 +139,6 @@ TEST(Terrain, BlocksBetweenFarPostsHaveData) {
         for (int l = 0; l <= terrain->finest_level(at(kMaxLevel)); ++l) EXPECT_TRUE(terrain->has_data(at(l))) << l;
       }
     }
-}
-
-TEST(Terrain, LongitudesAreOneCircle) {
-  TemporaryFolder folder;
-  write_kaguya_tile(folder.path(), 2, 178, 2, 64, bumpy);
-  write_kaguya_tile(folder.path(), 2, 180, 2, 64, bumpy);
-  const auto terrain = open_terrain(folder.path());
-  for (double lon = 178.01; lon < 181.9; lon += 0.0371)
-    for (const double turn : {-720.0, -360.0, 360.0})
-      ASSERT_NEAR(terrain->height(1.3, lon).height_m, terrain->height(1.3, lon + turn).height_m, 1e-6) << lon;
-  EXPECT_NEAR(terrain->height(1.25, 180).height_m, bumpy(1.25, 180), 1e-8);
-  EXPECT_NEAR(terrain->height(1.25, -180).height_m, bumpy(1.25, 180), 1e-8);
-  EXPECT_FALSE(std::isnan(terrain->height(1.3, 180 - 1e-12).height_m));
-  EXPECT_GE(terrain->height(1.3, 180).lon_deg, -180);
-  EXPECT_LT(terrain->height(1.3, 180).lon_deg, 180);
-}
-
-TEST(Terrain, PolesHaveOneHeight) {
-  TemporaryFolder folder;
-  const auto height = [](double lat, double lon) {
-    return std::abs(lat) > 89.9 ? (lat > 0 ? 1500.0 : -2500.0)
-                                : 100 * std::sin(lon * M_PI / 180) + (lat > 0 ? 1500 : -2500);
-  };
-  test::write_global_tile(folder.path(), 4, height);
-  const auto terrain = open_terrain(folder.path());
-  for (double lon = -180; lon < 180; lon += 7.7) {
-    ASSERT_NEAR(terrain->height(90, lon).height_m, 1500, 1e-6) << lon;
-    ASSERT_NEAR(terrain->height(-90, lon).height_m, -2500, 1e-6) << lon;
-    ASSERT_NEAR(terrain->height(90 - 1e-7, lon).height_m, 1500, 1e-3) << lon;
-    ASSERT_NEAR(terrain->height(89.75, std::round(lon)).height_m, height(89.75, std::round(lon)), 8)
-        << lon;  // a post, or on a chord between two
-  }
 }
 
 TEST(Terrain, SubdividedLevelsAreTheSameSurface) {
