@@ -19,7 +19,7 @@ inline std::uint64_t hash_of(const void* bytes, std::size_t count, std::uint64_t
   return XXH3_64bits_withSeed(bytes, count, seed);
 }
 
-// Returns the XXH64 hash. Fingerprints of catalogues use it: another hash would invalidate saved catalogues.
+// Returns the XXH64 hash. Fingerprints of catalogues use it: another hash would change every frame's content hash.
 inline std::uint64_t xxh64_of(const void* bytes, std::size_t count, std::uint64_t seed) {
   return XXH64(bytes, count, seed);
 }

@@ -98,12 +98,11 @@ std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
 
 }  // namespace
 
-Catalogue::Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options) {
-  FoundFiles found = find_files(paths, options);
+Catalogue::Catalogue(const std::vector<std::string>& paths) {
+  FoundFiles found = find_files(paths);
   rasters_ = std::move(found.rasters);
   problems_ = std::move(found.problems);
   side_layers_ = std::move(found.side_layers);
-  inspected_ = found.inspected;
   index(paths);
 }
 

@@ -33,9 +33,8 @@ class Catalogue {
   // SystemFault when the system or a connection fails.
   //
   // Entries are sorted from coarse to fine. Entries of equal resolution (within 1 %) are sorted so that those of the
-  // path named first come last; then by name. A later entry takes precedence where both have a valid post. A saved
-  // catalogue does not change the result.
-  explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
+  // path named first come last; then by name. A later entry takes precedence where both have a valid post.
+  explicit Catalogue(const std::vector<std::string>& paths);
   // Takes rasters that are inspected already: for tests and tools.
   explicit Catalogue(std::vector<RasterInfo> rasters);
 
@@ -59,9 +58,6 @@ class Catalogue {
     return joins_.resolved_posts.empty() ? 1 : joins_.resolved_posts[static_cast<std::size_t>(raster)];
   }
 
-  // Returns the number of files that had to be read; the others were taken from the saved catalogue.
-  std::size_t inspected() const { return inspected_; }
-
   // Returns the index in rasters() of the file with this path.
   std::optional<SourceIndex> find(const std::string& path) const;
 
@@ -84,7 +80,6 @@ class Catalogue {
   std::vector<SideLayer> side_layers_;
   std::vector<int> layer_begin_;
   LayerJoins joins_;
-  std::size_t inspected_ = 0;
   std::uint64_t fingerprint_ = 0;
   std::vector<SourceIndex> by_path_;  // indices into rasters_, ascending by path
   // Indices of the rasters that touch each of 180 x 360 cells of one degree, row 0 at the south pole, column 0 at -180.

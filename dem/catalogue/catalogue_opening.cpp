@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <exception>
 #include <filesystem>
 #include <functional>
-#include <future>
 #include <list>
 #include <map>
 #include <memory>
@@ -20,7 +18,6 @@
 #include "dem/base/error.h"
 #include "dem/base/names.h"
 #include "dem/base/parallel.h"
-#include "dem/catalogue/saved_catalogue.h"
 #include "dem/files/files.h"
 #include "dem/files/folder_files.h"
 #include "dem/files/labels.h"
@@ -43,20 +40,13 @@ struct Candidate {
 
 // Result of inspecting a candidate.
 struct Finding {
-  SavedFile* saved = nullptr;        // result of an earlier opening that is still valid
-  std::optional<RasterInfo> raster;  // result of this opening, if `saved` is null
-  std::optional<SavedFile> to_save;  // result to save for the next opening
+  std::optional<RasterInfo> raster;
   std::optional<CatalogueProblem> problem;
   std::optional<SideLayer> side_layer;
   std::string data;           // file that holds the samples, if its name is not the label's
   bool unlabelled = false;    // an image whose label is missing, unless another's label names it
   std::exception_ptr thrown;  // rethrown by collect()
 };
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 // Orders candidates as std::filesystem::path does, component by component: '/' sorts before all other characters.
 bool path_less(const Candidate& a, const Candidate& b) {
@@ -125,47 +115,17 @@ class Folders {
   std::map<std::string, const FolderFiles*> listed_;    // folders of files that the user names
 };
 
-// Returns the files that a file's description was read from, without those of its own name, with their stamps. Raises
-// `changed_ns` to their latest change.
-std::vector<std::pair<std::string, std::uint64_t>> other_files(const Candidate& file,
-                                                               const std::vector<std::string>& read,
-                                                               std::int64_t& changed_ns) {
-  std::vector<std::pair<std::string, std::uint64_t>> others;
-  const auto group = file.folder->group_of(*file.entry);
-  for (const std::string& path : read) {
-    if (std::any_of(group.begin(), group.end(),
-                    [&](const FolderEntry& e) { return file.folder->path_of(e.name) == path; }))
-      continue;
-    const auto stamp = stamp_of(path);
-    changed_ns = std::max(changed_ns, stamp ? stamp->changed_ns : now_ns());
-    others.emplace_back(path, stamp ? stamp->hash : 0);
-  }
-  return others;
-}
-
-// One opening of a catalogue: lists the files, inspects those that the saved catalogue does not have, and gathers the
-// findings in the order of the user's paths.
+// One opening of a catalogue: lists the files, inspects them, and gathers the findings in the order of the user's
+// paths.
 class Opening {
  public:
-  Opening(const std::vector<std::string>& paths, const CatalogueOptions& options)
-      : paths_(paths), options_(options), unsettled_ns_(now_ns() - options.settling.count()) {}
+  explicit Opening(const std::vector<std::string>& paths) : paths_(paths) {}
 
-  // Lists folders while another thread reads the saved catalogue; then inspects new and changed files.
   FoundFiles run() {
-    std::future<void> read =
-        std::async(std::launch::async, [this] { saved_.read(options_.cache_dir, paths_, options_.log); });
     list();
-    read.get();
     inspect_all();
     FoundFiles found;
     for (const NamedPath& path : named_paths_) collect(path, found);
-    save();
-    found.rasters.reserve(usable_.size());
-    // Move the rasters out last: save() still reads them.
-    for (Finding* finding : usable_)
-      found.rasters.push_back(std::move(finding->saved ? *finding->saved->raster : *finding->raster));
-    found.inspected = static_cast<std::size_t>(
-        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return !f.saved && !f.unlabelled; }));
     return found;
   }
 
@@ -208,34 +168,14 @@ class Opening {
     });
   }
 
-  // Returns the saved result for a file if the file, and all others that it was read from, are unchanged; else null.
-  SavedFile* find_valid(const std::string& path, std::uint64_t stamp) {
-    SavedFile* saved = saved_.find(path);
-    if (!saved || saved->stamp != stamp) return nullptr;
-    const bool same = std::all_of(saved->others.begin(), saved->others.end(), [](const auto& file) {
-      const auto now = stamp_of(file.first);
-      return now && now->hash == file.second;
-    });
-    return same ? saved : nullptr;
-  }
-
-  // Inspects a file, unless its saved result is valid; a remote file has none. Throws for an unusable file only if the
-  // user named it.
+  // Inspects a file. Throws for an unusable file only if the user named it.
   Finding inspect(const Candidate& file) {
     Finding out;
-    std::optional<FileStamp> stamp;
-    if (file.entry)
-      stamp = file.folder->stamp(*file.entry);  // take the stamp before the file is read: a later change then shows
-    if (stamp) out.saved = find_valid(file.path, stamp->hash);
-    // Inspect again, for its error, if the user names a file without heights. In a folder such a file is ignored.
-    if (out.saved && file.named && !out.saved->raster) out.saved = nullptr;
-    if (out.saved) return out;
     if (!file.named && kind_of(file.path) == FileKind::labelled_image && !begins_with_label(file.path)) {
       out.unlabelled = true;
       return out;
     }
     std::vector<std::string> read;
-    bool other_product = false;
     try {
       out.raster = inspect_raster(file.path, &read);
       if (!out.raster->gap.empty()) out.problem = {file.path, out.raster->gap, true, false};
@@ -248,17 +188,8 @@ class Opening {
       out.problem = {file.path, e.what_is_wrong(), false, true};
     } catch (const DataError& e) {
       if (file.named) throw;
-      other_product = describes_other_product(file.path);
-      if (!other_product) describe_problem(file.path, e, out);
+      if (!describes_other_product(file.path)) describe_problem(file.path, e, out);
     }
-    // Do not save VRTs or files with problems: the files that a VRT names may change, and a problem may be mended,
-    // without a change of the stamps.
-    if (!stamp || out.problem || out.side_layer || (out.raster && out.raster->format == "VRT")) return out;
-    std::int64_t changed_ns = stamp->changed_ns;
-    SavedFile to_save{file.path, stamp->hash, other_files(file, read, changed_ns), {}};
-    if (changed_ns == 0 || changed_ns > unsettled_ns_) return out;
-    if (!other_product) to_save.raster = out.raster;
-    out.to_save = std::move(to_save);
     return out;
   }
 
@@ -279,14 +210,12 @@ class Opening {
   // Returns true if no label before this one describes the same file. Two labels may place it differently, and nothing
   // tells the right one: the first is used.
   bool is_only_label(const Candidate& file, const Finding& finding, FoundFiles& found) {
-    const SavedFile* saved = finding.saved;
-    const std::string& data = saved && !saved->others.empty() ? saved->others.front().first : finding.data;
-    if (data.empty()) return true;
-    const std::string& label = label_of_data_.try_emplace(data, file.path).first->second;
+    if (finding.data.empty()) return true;
+    const std::string& label = label_of_data_.try_emplace(finding.data, file.path).first->second;
     if (label == file.path) return true;
-    found.problems.push_back({file.path,
-                              fmt::format("describes {}, as does {}, which is used", name_of(data), name_of(label)),
-                              false, true});
+    found.problems.push_back(
+        {file.path, fmt::format("describes {}, as does {}, which is used", name_of(finding.data), name_of(label)),
+         false, true});
     return false;
   }
 
@@ -315,17 +244,15 @@ class Opening {
       Finding& finding = findings_[i];
       if (finding.problem) found.problems.push_back(*finding.problem);
       if (finding.side_layer) found.side_layers.push_back(*finding.side_layer);
-      const RasterInfo* raster = finding.saved && finding.saved->raster ? &*finding.saved->raster
-                                 : finding.raster                       ? &*finding.raster
-                                                                        : nullptr;
-      if (raster && is_only_label(candidates_[i], finding, found) && is_new(candidates_[i], raster->path))
-        usable_.push_back(&finding);
+      if (finding.raster && is_only_label(candidates_[i], finding, found) &&
+          is_new(candidates_[i], finding.raster->path))
+        found.rasters.push_back(std::move(*finding.raster));
     }
   }
 
   // Returns true for a file's first occurrence. The user may name it twice, or with its folder, or by a link.
   bool is_new(const Candidate& file, const std::string& path) {
-    if (!file.folder) return found_files_.insert({nullptr, path}).second;
+    if (!file.folder) return found_files_.insert({nullptr, file.path}).second;
     const FolderEntry* entry = path == file.path ? file.entry : file.folder->find(name_of(path));
     if (entry && !entry->link) {
       const std::string*& folder = canonical_[file.folder];
@@ -340,13 +267,6 @@ class Opening {
   // Returns true if any label names an image that has no label of its own name. May read all labels of the image's
   // folder, once.
   bool is_named_by_a_label(const Candidate& image) {
-    if (!described_found_) {
-      described_found_ = true;
-      for (const Finding& finding : findings_)
-        if (const SavedFile* file = saved_or_new(finding))
-          for (const auto& described : file->others) described_.insert(described.first);
-    }
-    if (described_.contains(image.path)) return true;
     const auto [found, first] = named_images_.try_emplace(image.folder);
     if (first) {
       std::vector<const FolderEntry*> labels;
@@ -361,38 +281,14 @@ class Opening {
     return found->second.contains(lower(name_of(image.path)));
   }
 
-  // Returns what the saved catalogue shall hold for a finding; null if nothing.
-  static const SavedFile* saved_or_new(const Finding& finding) {
-    return finding.saved ? finding.saved : finding.to_save ? &*finding.to_save : nullptr;
-  }
-
-  // Replaces the saved catalogue if a result is new, or a saved file is no longer found.
-  void save() {
-    const auto reused = static_cast<std::size_t>(
-        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return f.saved != nullptr; }));
-    const bool fresh =
-        std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) { return f.to_save.has_value(); });
-    if (!fresh && reused == saved_.size()) return;
-    std::vector<const SavedFile*> files;
-    std::unordered_set<std::string_view> paths;
-    for (const Finding& finding : findings_)
-      if (const SavedFile* file = saved_or_new(finding); file && paths.insert(file->path).second) files.push_back(file);
-    if (fresh || files.size() != saved_.size()) saved_.replace(files);
-  }
-
   const std::vector<std::string>& paths_;
-  const CatalogueOptions& options_;
-  const std::int64_t unsettled_ns_;
-  SavedCatalogue saved_;
   Folders folders_;
   std::vector<Candidate> candidates_;
   std::vector<Finding> findings_;  // by candidate
   std::vector<NamedPath> named_paths_;
-  std::vector<Finding*> usable_;  // findings with a raster of the catalogue
   std::unordered_map<std::string, std::string>
       label_of_data_;  // label of each data file with another name than its label
-  // Real folder and name of each file found so far. The texts live in real_folders_, linked_names_ and the candidates'
-  // entries.
+  // Real folder and name of each file found so far. The texts live in real_folders_, linked_names_ and the candidates.
   struct FileHash {
     std::size_t operator()(const std::pair<const std::string*, std::string_view>& file) const {
       return std::hash<std::string_view>()(file.second) ^ std::hash<const std::string*>()(file.first);
@@ -402,16 +298,12 @@ class Opening {
   std::unordered_set<std::string> real_folders_;
   std::list<std::string> linked_names_;
   std::unordered_map<const FolderFiles*, const std::string*> canonical_;
-  bool described_found_ = false;
-  std::unordered_set<std::string> described_;  // files that inspected labels of other names describe
   // Lower-case names of files that any label names, by folder.
   std::unordered_map<const FolderFiles*, std::unordered_set<std::string>> named_images_;
 };
 
 }  // namespace
 
-FoundFiles find_files(const std::vector<std::string>& paths, const CatalogueOptions& options) {
-  return Opening(paths, options).run();
-}
+FoundFiles find_files(const std::vector<std::string>& paths) { return Opening(paths).run(); }
 
 }  // namespace selenograph::dem

@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "dem/base/error.h"
-#include "dem/base/hash.h"
 #include "dem/base/names.h"
 #include "dem/files/files.h"
 
@@ -29,14 +28,6 @@ mode_t type_of(const std::string& path, bool follows_links) {
 }
 
 }  // namespace
-
-std::optional<FileStamp> stamp_of(const std::string& path) {
-  struct stat s {};
-  if (::stat(path.c_str(), &s) != 0) return errno == ENOENT ? std::optional(FileStamp{}) : std::nullopt;
-  const FileState state = state_from(s);
-  const std::uint64_t facts[] = {stamp_of(state), S_ISREG(s.st_mode)};
-  return FileStamp{hash_of(facts, sizeof facts), state.changed_ns};
-}
 
 FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) : folder_(std::move(folder)) {
   const std::unique_ptr<DIR, int (*)(DIR*)> listing(::opendir(folder_.empty() ? "." : folder_.c_str()), ::closedir);
@@ -98,17 +89,6 @@ std::span<const FolderEntry> FolderFiles::group_of(const FolderEntry& entry) con
   while (first != entries_.begin() && std::prev(first)->group == entry.group) --first;
   while (last != entries_.end() && last->group == entry.group) ++last;
   return {first, last};
-}
-
-std::optional<FileStamp> FolderFiles::stamp(const FolderEntry& entry) const {
-  FileStamp group_stamp;
-  for (const FolderEntry& file : group_of(entry)) {
-    const auto file_stamp = stamp_of(path_of(file.name));
-    if (!file_stamp) return std::nullopt;
-    group_stamp.hash = hash_of(file.name.data(), file.name.size(), group_stamp.hash ^ file_stamp->hash);
-    group_stamp.changed_ns = std::max(group_stamp.changed_ns, file_stamp->changed_ns);
-  }
-  return group_stamp;
 }
 
 }  // namespace selenograph::dem

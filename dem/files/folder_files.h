@@ -1,4 +1,4 @@
-// Files of a folder in groups that belong together, and stamps that change with them.
+// Files of a folder in groups that belong together.
 #pragma once
 
 #include <cstddef>
@@ -18,14 +18,6 @@ struct FolderEntry {
   std::string_view name;
   bool link = false;  // symbolic link to a file
 };
-
-// Hash of a file's state and kind, and its last change by the file system's clock. Missing files have a stamp, too.
-struct FileStamp {
-  std::uint64_t hash = 0;
-  std::int64_t changed_ns = 0;
-};
-// Returns a file's stamp; empty when the system cannot tell.
-std::optional<FileStamp> stamp_of(const std::string& path);
 
 // Listing of one folder: names only. A file is examined only if the folder does not give its type.
 class FolderFiles {
@@ -48,9 +40,6 @@ class FolderFiles {
 
   // Returns all entries of the same group: properties of a file may depend on any of them.
   std::span<const FolderEntry> group_of(const FolderEntry& entry) const;
-  // Returns the stamp of an entry's group, which changes whenever a file of the group is added, removed or changed.
-  // Empty when the system cannot tell. Thread-safe.
-  std::optional<FileStamp> stamp(const FolderEntry& entry) const;
 
  private:
   std::string folder_;

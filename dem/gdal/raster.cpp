@@ -57,8 +57,6 @@ RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* fil
   return std::move(file.info);
 }
 
-std::string gdal_version() { return GDALVersionInfo("RELEASE_NAME"); }
-
 RasterInfo inspect_damaged_raster(const std::string& path) {
   RasterInfo info = describe_raster_file(path, {nullptr, Damage::describe}).info;
   if (info.damage.empty()) info.damage = "was being written when it was catalogued: start again when it is complete";

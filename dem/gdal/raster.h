@@ -27,9 +27,6 @@ RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* fil
 // reason. Requests that need its posts then fail and name it, instead of finding no data.
 RasterInfo inspect_damaged_raster(const std::string& path);
 
-// Returns the version of GDAL, on which the interpretation of a file also depends.
-std::string gdal_version();
-
 // Open file. Not thread-safe (GDAL's rule).
 class Raster {
  public:

@@ -71,11 +71,8 @@ std::vector<std::string> dem_paths(const TerrainSettings& settings) {
 
 dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::allow_remote_files(settings.remote_prefix);
-  dem::CatalogueOptions options;
-  options.cache_dir = settings.cache_dir;
-  options.log = [](const std::string& text) { spdlog::warn("{}", text); };
   const std::vector<std::string> paths = dem_paths(settings);
-  dem::Catalogue catalogue(paths, options);
+  dem::Catalogue catalogue(paths);
   for (const std::string& path : paths) refuse_folder_without_dems(path, catalogue);
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
@@ -104,7 +101,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
 
 std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& settings) {
   dem::Catalogue catalogue = open_catalogue(settings);
-  spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
+  spdlog::info("catalogue: {} DEM files", catalogue.rasters().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     spdlog::warn("{}{}: {}", problem.located ? "" : "not used: ", problem.path, problem.what);
   for (const dem::SideLayer& side : catalogue.side_layers())
