@@ -106,11 +106,14 @@ void Relief::finish(std::size_t grid_index) {
   grid.pitch = grid.run << columns_log2;
   std::vector<float> arranged(static_cast<std::size_t>(grid.side) * static_cast<std::size_t>(grid.pitch) + kPadding,
                               shape_.void_height_m);
-  in_parallel_pieces(static_cast<std::size_t>(grid.side), 64, [&](std::size_t first, std::size_t past_last) {
-    const float* height_m = &grid.heights[first * static_cast<std::size_t>(grid.side)];
-    for (int row = static_cast<int>(first); row < static_cast<int>(past_last); ++row)
-      for (int column = 0; column < grid.side; ++column)
-        arranged[static_cast<std::size_t>(grid.index(column, row))] = *height_m++;
+  const auto side = static_cast<std::size_t>(grid.side), pitch = static_cast<std::size_t>(grid.pitch);
+  const std::size_t run = static_cast<std::size_t>(grid.run), step = std::size_t{1} << columns_log2;
+  in_parallel_pieces(side, 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t row = first; row < past_last; ++row)
+      for (std::size_t remainder = 0; remainder < step; ++remainder) {
+        float* out = &arranged[row * pitch + remainder * run];
+        for (std::size_t column = remainder; column < side; column += step) *out++ = grid.heights[row * side + column];
+      }
   });
   grid.heights = std::move(arranged);
 }
