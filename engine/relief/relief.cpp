@@ -94,10 +94,12 @@ void Relief::read_heights(std::size_t grid_index, const ReliefHeights& heights, 
 void Relief::finish(std::size_t grid_index) {
   ReliefGrid& grid = grids_[grid_index];
   const auto reference_m = static_cast<float>(reference_m_);
+  float highest_m = grid.highest_m;
   for (float& height_m : std::span(grid.heights).first(posts_of(grid))) {
     height_m = std::isnan(height_m) ? shape_.void_height_m : height_m - reference_m;
-    grid.highest_m = height_m > grid.highest_m ? height_m : grid.highest_m;
+    highest_m = height_m > highest_m ? height_m : highest_m;
   }
+  grid.highest_m = highest_m;
   const int columns_log2 = shape_.lattice_log2 - static_cast<int>(grid_index);
   grid.has_lattice = columns_log2 >= 0;
   if (!grid.has_lattice) return;
