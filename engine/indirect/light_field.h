@@ -1,4 +1,4 @@
-// Square fields of posts at which indirect light is gathered, each in the gnomonic plane of one relief (relief.h).
+// Square fields of posts at which indirect light is gathered, each in the gnomonic plane of one relief (engine/relief).
 //
 // The Moon is divided into bands of latitude, and these into cells about as wide as high, so that poles need no special
 // case. A field extends beyond its cell, as far as a block of the lattice does whose middle is in the cell.

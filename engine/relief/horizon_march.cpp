@@ -301,14 +301,13 @@ class PacketMarch {
     const Lanes at_near = hn::Set(d, segment.near_rise_per_m), at_far = hn::Set(d, segment.far_rise_per_m);
     constexpr auto kTolerance = static_cast<float>(kHorizonTolerance_deg * kRadiansPerDegree);
     const Lanes to_exceed = hn::Set(d, segment.near_drop + kTolerance);
-    for (int i = 0; i < kPacket; i += kLanes) {
+    return AnyLane([&](int i) {
       const Lanes highest = bound.of_lanes ? TopsOfLanes(segment, grid, *bound.table, i) : hn::Set(d, top);
       const Lanes rise =
           hn::Mul(hn::Sub(highest, hn::Load(d, places_.height + i)), NearOne(d, highest, plan_.per_radius));
       const Lanes tangent = hn::Sub(hn::Max(hn::Mul(rise, at_near), hn::Mul(rise, at_far)), to_exceed);
-      if (!hn::AllFalse(d, hn::Gt(tangent, hn::Load(d, horizon_ + i)))) return true;
-    }
-    return false;
+      return hn::Gt(tangent, hn::Load(d, horizon_ + i));
+    });
   }
 
   // Reads a segment, or those of its parts that may rise. Returns true if any lane's horizon rose.

@@ -27,17 +27,23 @@ struct Cells {
 
 Cells cells_of_posts(const ReliefGrid& grid) {
   Cells cells{{}, grid.side / 2 + 1};
-  const auto side = static_cast<std::size_t>(cells.side);
+  const auto side = static_cast<std::size_t>(cells.side), pitch = static_cast<std::size_t>(grid.pitch);
   cells.highest.resize(side * side);
   in_parallel_pieces(side, 16, [&](std::size_t first, std::size_t past_last) {
-    for (int j = static_cast<int>(first); j < static_cast<int>(past_last); ++j)
+    std::vector<float> of_rows(pitch);  // highest post of the cells' rows, at each post of a row
+    for (std::size_t j = first; j < past_last; ++j) {
+      std::fill(of_rows.begin(), of_rows.end(), kVoidHeight_m);
+      for (std::size_t r = 2 * j; r <= std::min(2 * j + 2, static_cast<std::size_t>(grid.side) - 1); ++r) {
+        const float* row = &grid.heights[r * pitch];
+        for (std::size_t i = 0; i < pitch; ++i) of_rows[i] = std::max(of_rows[i], row[i]);
+      }
       for (int i = 0; i < cells.side; ++i) {
         float highest = kVoidHeight_m;
-        for (int r = 2 * j; r <= std::min(2 * j + 2, grid.side - 1); ++r)
-          for (int c = 2 * i; c <= std::min(2 * i + 2, grid.side - 1); ++c)
-            highest = std::max(highest, grid.heights[static_cast<std::size_t>(grid.index(c, r))]);
-        cells.highest[static_cast<std::size_t>(j) * side + static_cast<std::size_t>(i)] = highest;
+        for (int c = 2 * i; c <= std::min(2 * i + 2, grid.side - 1); ++c)
+          highest = std::max(highest, of_rows[static_cast<std::size_t>(grid.index(c, 0))]);
+        cells.highest[j * side + static_cast<std::size_t>(i)] = highest;
       }
+    }
   });
   return cells;
 }

@@ -10,8 +10,8 @@
 
 namespace selenograph::engine {
 
-// Of a relief for horizons, see ReliefShape: a post is never wider than 1/1000 of its distance, except next to the
-// place.
+// ReliefShape::posts_per_distance and void_height_m of a relief for horizons. So a post is never wider than 1/1000 of
+// its distance, except next to the place.
 inline constexpr double kHorizonPostsPerDistance = 1000;
 inline constexpr float kVoidHeight_m = -1e5F;
 
@@ -55,7 +55,7 @@ struct MarchPlan {
   float radius_ratio = 1;  // radius of the datum over that of height 0
 };
 
-// Returns the plan of marches over a relief with kHorizonPostsPerDistance and kVoidHeight_m, which must outlive it.
+// Returns the plan of marches over a relief of that kind, which must outlive it.
 MarchPlan plan_marches(const Relief& relief, const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -94,10 +94,12 @@ void Relief::read_heights(std::size_t grid_index, const ReliefHeights& heights, 
 void Relief::finish(std::size_t grid_index) {
   ReliefGrid& grid = grids_[grid_index];
   const auto reference_m = static_cast<float>(reference_m_);
+  float highest_m = grid.highest_m;
   for (float& height_m : std::span(grid.heights).first(posts_of(grid))) {
     height_m = std::isnan(height_m) ? shape_.void_height_m : height_m - reference_m;
-    grid.highest_m = height_m > grid.highest_m ? height_m : grid.highest_m;
+    highest_m = height_m > highest_m ? height_m : highest_m;
   }
+  grid.highest_m = highest_m;
   const int columns_log2 = shape_.lattice_log2 - static_cast<int>(grid_index);
   grid.has_lattice = columns_log2 >= 0;
   if (!grid.has_lattice) return;
@@ -106,11 +108,14 @@ void Relief::finish(std::size_t grid_index) {
   grid.pitch = grid.run << columns_log2;
   std::vector<float> arranged(static_cast<std::size_t>(grid.side) * static_cast<std::size_t>(grid.pitch) + kPadding,
                               shape_.void_height_m);
-  in_parallel_pieces(static_cast<std::size_t>(grid.side), 64, [&](std::size_t first, std::size_t past_last) {
-    const float* height_m = &grid.heights[first * static_cast<std::size_t>(grid.side)];
-    for (int row = static_cast<int>(first); row < static_cast<int>(past_last); ++row)
-      for (int column = 0; column < grid.side; ++column)
-        arranged[static_cast<std::size_t>(grid.index(column, row))] = *height_m++;
+  const auto side = static_cast<std::size_t>(grid.side), pitch = static_cast<std::size_t>(grid.pitch);
+  const std::size_t run = static_cast<std::size_t>(grid.run), step = std::size_t{1} << columns_log2;
+  in_parallel_pieces(side, 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t row = first; row < past_last; ++row)
+      for (std::size_t remainder = 0; remainder < step; ++remainder) {
+        float* out = &arranged[row * pitch + remainder * run];
+        for (std::size_t column = remainder; column < side; column += step) *out++ = grid.heights[row * side + column];
+      }
   });
   grid.heights = std::move(arranged);
 }

@@ -56,13 +56,14 @@ struct ReliefGrid {
   double to_m;                 // distance along the sphere up to which this grid is read
   std::vector<float> heights;  // m above the reference, then kPadding more
   bool has_lattice = false;
-  int columns_log2 = 0;                                       // n; 0 without a lattice
-  int run = 0;                                                // posts of a run
-  int pitch = 0;                                              // posts from row to row
-  float middle = 0;                                           // row and column of the centre
-  float posts_per_m = 0;                                      // 1 / spacing
-  float coarser = 1;                                          // spacing over the finest grid's: a power of two
-  float highest_m = -std::numeric_limits<float>::infinity();  // of this grid and the coarser ones
+  int columns_log2 = 0;  // n; 0 without a lattice
+  int run = 0;           // posts of a run
+  int pitch = 0;         // posts from row to row
+  float middle = 0;      // row and column of the centre
+  float posts_per_m = 0;
+  float coarser = 1;  // spacing over the finest grid's: a power of two
+  // Greatest height of this grid and the coarser ones.
+  float highest_m = -std::numeric_limits<float>::infinity();
   // Returns the index of a post in `heights`.
   std::ptrdiff_t index(int column, int row) const {
     const int remainder = column & ((1 << columns_log2) - 1);

@@ -229,7 +229,7 @@ TEST(IndirectLight, WallsOfATrenchLightEachOther) {
   for (const Case& c : {Case{15, 40, 0, 0.011, 0.035},
                         {25, 40, 0, 0.011, 0.035},
                         {45, 60, 0, 0.011, 0.035},
-                        {45, 60, -45, 0.023, 0.04}}) {
+                        {45, 60, -45, 0.024, 0.04}}) {
     constexpr double kHalfWidth_m = 500;
     const double slope = std::tan(c.slope_deg * kRadiansPerDegree), stretch = std::hypot(1, slope);
     const Vec3 centre = to_cartesian({-30, 100, 0}).normalized();
