@@ -12,9 +12,9 @@
 #include <map>
 #include <stdexcept>
 
+#include "dem/base/names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/resolved_posts.h"
-#include "server/http/allowed_hosts.h"
 
 namespace selenograph::server {
 namespace {
@@ -93,7 +93,8 @@ std::string refusal_of_address(const std::string& text) {
 
 // Returns the error of a text that is not a host; empty: none.
 std::string refusal_of_host(const std::string& text) {
-  return is_host(text) ? std::string() : text + " is not a host name or address (without scheme and port)";
+  return dem::consists_of(text, "._-:[]") ? std::string()
+                                          : text + " is not a host name or address (without scheme and port)";
 }
 
 // Adds options of access to the service and its pages, and of the log.

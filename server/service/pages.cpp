@@ -5,7 +5,7 @@
 #include <tuple>
 #include <utility>
 
-#include "server/http/caller.h"
+#include "server/http/access.h"
 
 namespace selenograph::server {
 namespace {
