@@ -222,7 +222,7 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->capture_default_str();
   command
       .add_option("--max-connections", s.max_connections,
-                  "Limit the connections; beyond the limit, idle ones are closed, and only health and metrics answered")
+                  "Limit the connections; beyond the limit, only health and metrics are answered")
       ->check(CLI::Range(4, 65536))
       ->capture_default_str();
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "Limit the time of an idle connection")

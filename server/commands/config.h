@@ -12,7 +12,7 @@
 #include "dem/posts/layer_joins.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
-#include "server/service/pages.h"
+#include "server/service/front.h"
 
 namespace CLI {
 class App;

@@ -13,6 +13,8 @@
 namespace selenograph::server {
 namespace {
 
+constexpr char kAdvice[] = "\"; its operator can add a host with --allowed-host";
+
 // Returns the host of "host:port" or "host", equal for equal hosts: lower case, no brackets, no final dot.
 std::string host_of(std::string_view authority) {
   const std::size_t colon = authority.rfind(':');
@@ -49,8 +51,7 @@ std::optional<api::Response> refusal_by_host(const Headers& headers, const std::
     own_authority = dem::lower(header->second);
     const std::string host = host_of(own_authority);
     if (!is_in(own, host) && !is_in(allowed, host))
-      return api::problem("misdirected_request", "this service is not known as " + '"' + host + '"' +
-                                                     "; its operator can add a name with --allowed-host");
+      return api::problem("misdirected_request", "this service is not known as \"" + host + kAdvice);
   }
   for (auto [header, end] = headers.equal_range("origin"); header != end; ++header) {
     const std::string origin = dem::lower(header->second);
@@ -58,9 +59,7 @@ std::optional<api::Response> refusal_by_host(const Headers& headers, const std::
     if (origin == "http://" + own_authority || origin == "https://" + own_authority) continue;
     const std::size_t scheme = origin.starts_with("http://") ? 7 : origin.starts_with("https://") ? 8 : origin.size();
     if (is_in(allowed, host_of(std::string_view(origin).substr(scheme)))) continue;
-    return api::problem("foreign_origin", "pages of the origin " + '"' + header->second + '"' +
-                                              " may not ask this service; its operator can allow a page's host with "
-                                              "--allowed-host");
+    return api::problem("foreign_origin", "this service takes no requests of pages of \"" + header->second + kAdvice);
   }
   return std::nullopt;
 }

@@ -5,7 +5,6 @@
 // name that the operator has given, or a numeric address, which no name server can redirect.
 #pragma once
 
-#include <cstddef>
 #include <map>
 #include <optional>
 #include <string>
@@ -27,16 +26,15 @@ struct AccessRecord {
   std::size_t bytes = 0;  // of the answer's body, even if the client disconnected before it had all
   double seconds = 0;     // from the complete request to the last byte handed to the system
   std::string error_code{};
-  std::string request_id{};           // also in the response: X-Request-Id
-  std::string token{};                // name of the token that a trusted proxy accepted; empty: none
-  std::string host{};                 // numeric address of the client or proxy
+  std::string request_id{};         // also in the response: X-Request-Id
+  std::string token{};              // name of the token that a trusted proxy accepted; empty: none
+  std::string host{};               // numeric address of the client or proxy
   std::size_t request_bytes = 0;    // size of its body
   double queued_s = 0, work_s = 0;  // time in the queue, and the rest of the time to the finished answer
   api::StageTimes stages{};         // as in Server-Timing
 };
 
-// Returns the header's value if it is a plain name (1 to 64 letters, digits, '.', '_' and '-'), which is safe in a
-// header and in a log, and there is only one; else an empty text.
+// Returns the header's value if it is the only one and a plain name (1 to 64 letters, digits, '.', '_', '-'), else "".
 std::string plain_name(const Headers& headers, const std::string& header);
 
 // Returns a name that no other request has.

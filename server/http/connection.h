@@ -47,8 +47,7 @@ class Connection : public httplib::Stream {
     while (fill()) continue;
   }
 
-  // True once the client has closed its connection or its sending half, which detect_disconnect() finds, and after
-  // cut().
+  // True after cut(), and once detect_disconnect() has found that the client has closed its connection or its half.
   const std::atomic<bool>& abandoned() const { return abandoned_; }
 
   // The following may be called from any thread.
@@ -64,8 +63,7 @@ class Connection : public httplib::Stream {
     ::shutdown(fd_, SHUT_RDWR);
   }
 
-  // Interface of the library, which calls write() again for the bytes that a call leaves. Both return -1 at the
-  // deadline and after a disconnect.
+  // Interface of the library, which writes the rest of what write() leaves. Both return -1 at the deadline.
   ssize_t read(char* to, std::size_t size) override {
     if (is_at_limit() || (unread_.empty() && !fill())) return -1;
     const std::size_t count = unread_.copy(to, std::min(size, readable_bytes_));

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -71,9 +70,8 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
   using HttpServer::Handler;
   Library(const HttpOptions& options, Handler handler, Observer observer)
       : options_(options), handler_(std::move(handler)), observer_(std::move(observer)) {
-    new_task_queue = [n = std::size_t(options.max_connections + kReservedConnections)] {
-      return new httplib::ThreadPool(n);
-    };
+    const auto threads = static_cast<std::size_t>(options.max_connections + kReservedConnections);
+    new_task_queue = [threads] { return new httplib::ThreadPool(threads); };
     set_payload_max_length(options.max_body_bytes);
     set_tcp_nodelay(true);
     // Set only SO_REUSEADDR: with SO_REUSEPORT, the library's default, a second service could share the port unnoticed.
@@ -139,8 +137,11 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
         exchange->close = true;
         return hand_over(*exchange, std::move(problem), out);
       }
-      observer_({.status = problem.status, .bytes = problem.body.size(), .error_code = problem.error_code});
+      AccessRecord record{.status = problem.status, .bytes = problem.body.size(), .error_code = problem.error_code};
+      record.request_id = new_request_id();
+      observer_(record);
       out.status = problem.status;
+      out.set_header("X-Request-Id", record.request_id);
       out.set_content(problem.body, problem.content_type);
     });
     set_post_routing_handler([](const httplib::Request& request, httplib::Response& out) {
@@ -208,8 +209,7 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
     for (const auto& [name, value] : request.headers) headers.emplace(dem::lower(name), value);
     record.method = exchange.request.method = request.method;
     record.target = request.target;
-    std::ranges::replace_if(
-        record.target, [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
+    for (char& c : record.target) c = static_cast<unsigned char>(c) < ' ' ? '?' : c;
     record.path = exchange.request.path = request.path;
     exchange.request.query = request.params;
     record.request_id = plain_name(headers, "x-request-id");
@@ -233,6 +233,8 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
   std::optional<api::Response> refusal_of(const Exchange& exchange, const httplib::Request& request) const {
     if (exchange.is_reserved && std::ranges::count(options_.reserved_paths, request.path) == 0)
       return api::problem("busy", "too many connections");
+    if (request.get_header_value_count("Host") != 1 && (request.version != "HTTP/1.0" || request.has_header("Host")))
+      return api::problem("malformed_request", "exactly one Host header is needed");
     if (request.has_header("Content-Encoding"))
       return api::problem("unsupported_media_type", "bodies with a Content-Encoding are not taken");
     // Without a number strtoull() returns 0, and the library refuses the length.

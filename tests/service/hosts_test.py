@@ -87,11 +87,11 @@ class OnLoopback(Asking):
         self.assertEqual(re.findall(rb"HTTP/1\.1 (\d{3}) ", answer), [b"421"])
 
     def test_missing_duplicate_and_invalid_hosts(self):
-        self.refused(self.ask("localhost", "Host: evil.example"), 421, "misdirected_request")
+        self.assertEqual(self.ask(None)[0], 400)
+        self.assertEqual(self.ask("localhost", "Host: localhost")[0], 400)
         for host in ("", "user@localhost", "localhost/", "localhost, evil.example"):
             self.refused(self.ask(host), 421, "misdirected_request")
-        for version in ("1.0", "1.1"):
-            self.assertEqual(self.ask(None, path="/health/ready", version=version)[0], 200, "as a proxy's health check asks")
+        self.assertEqual(self.ask(None, path="/health/ready", version="1.0")[0], 200, "as a proxy's health check asks")
         self.assertEqual(self.ask("localhost", version="1.0")[0], 200)
         self.refused(self.ask("evil.example", version="1.0"), 421, "misdirected_request")
 
