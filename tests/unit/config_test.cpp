@@ -22,7 +22,7 @@ class Config : public ::testing::Test {
                 .string();
     serve_ = app_.add_subcommand("serve");
     add_options(*serve_, settings_);
-    name_variables(*serve_);
+    complete_help(*serve_);
   }
   ~Config() override {
     std::remove(path_.c_str());
