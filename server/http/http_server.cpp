@@ -149,7 +149,7 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
       if (out.status == 304) out.headers.erase("Content-Length");  // 0 would contradict the representation's length
       out.headers.erase("Keep-Alive");                             // states a limit of requests that does not exist
       if (exchange && !exchange->close) return;
-      out.set_header("Connection", "close");
+      if (!out.has_header("Connection")) out.set_header("Connection", "close");
     });
   }
 
