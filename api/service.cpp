@@ -102,7 +102,7 @@ Response Service::handle(const Request& request) const {
   if (response.error_code == "method_not_allowed")
     response.headers.emplace_back("Allow", allowed_methods(request.path));
   if (response.error_code == "busy" || response.error_code == "shutting_down")
-    response.headers.emplace_back("Retry-After", std::to_string(impl_->admission->retry_after_s()));
+    response.headers = {{"Retry-After", std::to_string(impl_->admission->retry_after_s())}};
   return response;
 }
 

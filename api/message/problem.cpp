@@ -111,16 +111,11 @@ Response problem(const std::string& code, const std::string& detail, const std::
   response.content_type = "application/problem+json";
   response.body = json_line(body);
   response.error_code = row.code;
+  if (row.status == 503) response.headers.emplace_back("Retry-After", "5");
   return response;
 }
 
-Response retry_problem(const std::string& code, const std::string& detail, int retry_after_s) {
-  Response answer = problem(code, detail);
-  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
-  return answer;
-}
-
-Response memory_problem() { return retry_problem(std::string(kOutOfMemory), "not enough memory for this request", 5); }
+Response memory_problem() { return problem(std::string(kOutOfMemory), "not enough memory for this request"); }
 
 // Returns the problem of a bug. Its text goes to the log only: it may contain anything.
 Response unexpected(const Request& request, const std::exception& e) {
@@ -145,9 +140,7 @@ Response answer_or_problem(const Request& request, const std::function<Response(
   } catch (const DataError& e) {
     return fault(request, "terrain_data_error", e);
   } catch (const SystemFault& e) {
-    Response response = fault(request, "storage_unavailable", e);
-    response.headers.emplace_back("Retry-After", "1");
-    return response;
+    return fault(request, "storage_unavailable", e);
   } catch (const TooMuchWork& e) {
     return problem("deadline_exceeded", e.what());
   } catch (const Cancelled&) {

@@ -67,12 +67,9 @@ class RequestError : public std::runtime_error {
   std::vector<Finding> findings_;
 };
 
-// Returns application/problem+json (RFC 9457) with `errors` when there are findings. The texts may contain any client
-// input, including bytes that are not UTF-8.
+// Returns application/problem+json (RFC 9457) with `errors` when there are findings, and Retry-After with status 503.
+// The texts may contain any client input, including bytes that are not UTF-8.
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings = {});
-
-// Returns the same with Retry-After, by when other requests will have finished.
-Response retry_problem(const std::string& code, const std::string& detail, int retry_after_s);
 
 // Returns the result of `work`, or the problem for its exception. A RequestError gives the row that it names, an
 // ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable",

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <functional>
 #include <memory>
 #include <stdexcept>
 #include <thread>
@@ -30,7 +29,7 @@ namespace {
 // Time for a client to send its request, and to take its answer.
 constexpr std::chrono::seconds kReceiveTime{20}, kAnswerTime{60};
 
-HttpOptions http_options(const ServeSettings& s, std::function<int()> retry_after_s) {
+HttpOptions http_options(const ServeSettings& s) {
   return {.host = s.host,
           .port = s.port,
           .max_connections = s.max_connections,
@@ -38,7 +37,6 @@ HttpOptions http_options(const ServeSettings& s, std::function<int()> retry_afte
           .idle_time = milliseconds(s.idle_timeout_s),
           .receive_time = kReceiveTime,
           .answer_time = kAnswerTime,
-          .retry_after_s = std::move(retry_after_s),
           .reserved_paths = kProbePaths,
           .trusted_proxies = s.trusted_proxy,
           .allowed_hosts = s.allowed_host};
@@ -122,18 +120,19 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
     gauges.connections = http->connections();
     gauges.log_lines_dropped = log.dropped();
   });
-  HttpServer server(
-      http_options(settings, [&] { return admission->retry_after_s(); }),
-      [&](const api::Request& request) { return front.handle(request); },
+  const auto server = HttpServer::make(
+      http_options(settings), [&](const api::Request& request) { return front.handle(request); },
       [&](const AccessRecord& request) { record_access(metrics, log, request); });
-  http = &server;
+  http = server.get();
   const std::chrono::milliseconds time_limit = milliseconds(settings.shutdown_s);
   signals.arm(time_limit);
-  std::thread accepting([&] { server.run(); });
-  fmt::print("selenograph: listening on {}\n", server.url());
+  std::thread accepting([&] { server->run(); });
+  const bool is_ipv6 = settings.host.find(':') != std::string::npos;
+  fmt::print("selenograph: listening on http://{}:{}\n", is_ipv6 ? '[' + settings.host + ']' : settings.host,
+             server->port());
   std::fflush(stdout);
   signals.wait();
-  finish(front, *admission, server, renderer->terrain(), time_limit);
+  finish(front, *admission, *server, renderer->terrain(), time_limit);
   accepting.join();
   return 0;
 }

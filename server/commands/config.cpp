@@ -12,9 +12,9 @@
 #include <map>
 #include <stdexcept>
 
+#include "dem/base/names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/resolved_posts.h"
-#include "server/http/allowed_hosts.h"
 
 namespace selenograph::server {
 namespace {
@@ -56,15 +56,12 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
                   "star catalogues and other assets, MiB" +
                       memory_default)
       ->check(CLI::Range(16, 1 << 24));
-  command.add_option("--cache-dir", s.cache_dir, "Keep pyramids in this folder")
-      ->type_name("DIR")
-      ->capture_default_str();
+  command.add_option("--cache-dir", s.cache_dir, "Keep pyramids in this folder")->type_name("DIR");
   command
       .add_option("--ground-disk-mb", s.ground_disk_mb,
                   "Keep ground with detail on up to this much disk in the cache folder, MiB, for later and other "
                   "processes; 0: none")
-      ->check(CLI::Range(0, 1 << 24))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1 << 24));
   command.add_option("--cache-mb", s.memory.cache_mb, "Limit the memory for terrain, MiB" + memory_default)
       ->check(CLI::Range(16, 1 << 24));
   command
@@ -93,7 +90,8 @@ std::string refusal_of_address(const std::string& text) {
 
 // Returns the error of a text that is not a host; empty: none.
 std::string refusal_of_host(const std::string& text) {
-  return is_host(text) ? std::string() : text + " is not a host name or address (without scheme and port)";
+  return dem::consists_of(text, "._-:[]") ? std::string()
+                                          : text + " is not a host name or address (without scheme and port)";
 }
 
 // Adds options of access to the service and its pages, and of the log.
@@ -129,18 +127,14 @@ void add_access(CLI::App& command, ServeSettings& s) {
 
 void add_options(CLI::App& command, TerrainSettings& s) {
   add_files_and_memory(command, s);
-  command.add_option("--threads", s.threads, "Render with this many threads; 0: all cores")
-      ->check(CLI::Range(0, 4096))
-      ->capture_default_str();
+  command.add_option("--threads", s.threads, "Render with this many threads; 0: all cores")->check(CLI::Range(0, 4096));
   command
       .add_option("--on-data-error", s.on_data_error, "Fail on a corrupt or missing DEM file, or use the coarser layer")
-      ->check(CLI::IsMember({"fail", "fall-through"}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"fail", "fall-through"}));
   command
       .add_option("--blend-posts", s.blend_posts,
                   "Bend each layer towards a finer one in a band of this width, in posts of the coarser one; 0: none")
-      ->check(number_in(0.0, 1000.0))
-      ->capture_default_str();
+      ->check(number_in(0.0, 1000.0));
   command
       .add_option("--layer-offset", s.layer_offset,
                   "Add an offset to the heights of files with that name (* and ? as in a shell), m; fit: measure it "
@@ -158,8 +152,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       "--strict", s.strict,
       "Treat a file in a DEM folder that is not a DEM, such as an orthoimage, as an error instead of a warning");
   command.add_option("--log-level", s.log_level, "Log lines of at least this level")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}));
 }
 
 void add_options(CLI::App& command, api::Limits& s) {
@@ -177,59 +170,45 @@ void add_options(CLI::App& command, api::Limits& s) {
       ->check(CLI::Range(1, 1 << 20))
       ->default_str(std::to_string(s.max_body_bytes >> 10));
   command.add_option("--max-image-pixels", s.max_image_pixels, "Limit the pixels of a frame")
-      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
-      ->capture_default_str();
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30));
   command.add_option("--max-image-side", s.max_image_side, "Limit the pixels of a frame's side")
-      ->check(CLI::Range(1, 65535))
-      ->capture_default_str();
+      ->check(CLI::Range(1, 65535));
   command.add_option("--max-map-pixels", s.max_map_pixels, "Limit the pixels of a map")
-      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
-      ->capture_default_str();
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30));
   command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel, "Limit the samples per pixel of a frame")
-      ->check(CLI::Range(1, 65536))
-      ->capture_default_str();
+      ->check(CLI::Range(1, 65536));
   command.add_option("--max-rays", s.max_rays, "Limit the rays or points of a request, and the craters of an answer")
-      ->check(CLI::Range(1, 1 << 24))
-      ->capture_default_str();
+      ->check(CLI::Range(1, 1 << 24));
   command
       .add_option("--max-lidar-rays", s.max_lidar_rays, "Limit the sub-rays of a lidar's scan: beams times sub_rays")
-      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 32))
-      ->capture_default_str();
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 32));
 }
 
 void add_options(CLI::App& command, ServeSettings& s) {
   add_options(command, s.terrain);
   add_options(command, s.limits);
-  command.add_option("--host", s.host, "Listen on this address; put a proxy in front of anything but loopback")
-      ->capture_default_str();
+  command.add_option("--host", s.host, "Listen on this address; put a proxy in front of anything but loopback");
   command.add_option("--port", s.port, "Listen on this port; 0: any free one, which is printed")
-      ->check(CLI::Range(0, 65535))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 65535));
   command
       .add_option("--memory-mb", s.terrain.memory.memory_mb,
                   "Limit all memory, MiB: --cache-mb, --scene-mb, --mesh-mb, active requests and answers. "
                   "0: three quarters of the machine's memory, at most 8192")
-      ->check(CLI::Range(0, 1 << 24))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1 << 24));
   command.add_option("--max-frames", s.max_frames, "Process this many requests at once; 0: number of cores")
-      ->check(CLI::Range(0, 4096))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 4096));
   command
       .add_option("--max-waiting", s.max_waiting,
                   "Let this many requests wait in the queue; one client alone may fill half of it")
-      ->check(CLI::Range(0, 65536))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 65536));
   command
       .add_option("--max-connections", s.max_connections,
-                  "Limit the connections; beyond the limit, idle ones are closed, and only health and metrics answered")
-      ->check(CLI::Range(4, 65536))
-      ->capture_default_str();
+                  "Limit the connections; beyond the limit, only health and metrics are answered")
+      ->check(CLI::Range(4, 65536));
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "Limit the time of an idle connection")
-      ->check(number_in(0.1, 86400.0))
-      ->capture_default_str();
+      ->check(number_in(0.1, 86400.0));
   command.add_option("--shutdown-s", s.shutdown_s, "Limit the time from SIGTERM to the end of the process")
-      ->check(number_in(0.1, 86400.0))
-      ->capture_default_str();
+      ->check(number_in(0.1, 86400.0));
   add_access(command, s);
 }
 
@@ -274,10 +253,13 @@ std::set<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-void name_variables(CLI::App& command) {
+void complete_help(CLI::App& command) {
   for (CLI::Option* option : command.get_options()) {
     const std::string name = long_name(*option);
     if (!name.empty() && name != "help") option->envname(variable_name(name));
+    if (!option->get_default_str().empty()) continue;
+    option->capture_default_str();
+    if (option->get_default_str() == "[]") option->default_str("");
   }
 }
 

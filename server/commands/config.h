@@ -12,7 +12,7 @@
 #include "dem/posts/layer_joins.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
-#include "server/service/pages.h"
+#include "server/service/front.h"
 
 namespace CLI {
 class App;
@@ -72,8 +72,9 @@ std::optional<std::string> environment_variable(const std::string& name);
 // Returns an option's name in the environment: SELENOGRAPH_CACHE_MB for "cache-mb".
 std::string variable_name(const std::string& option);
 
-// Lets the environment set each option of a command that is not on the command line. A list is written [a,b].
-void name_variables(CLI::App& command);
+// Lets the environment set each option of a command that is not on the command line, where a list is written [a,b], and
+// shows the options' defaults in its help. Call it after the options have been added.
+void complete_help(CLI::App& command);
 
 // Sets every option of a parsed command that neither the command line nor the environment has set from the file named
 // by --config, in CLI11's subset of TOML: name = value, lists as arrays, no sections. `all_options` holds the options

@@ -52,10 +52,7 @@ void add_options(CLI::App& command, AskSettings& s) {
                       "Write the request's map as tiles of this side into the folder OUT, and map.vrt once all exist. "
                       "Tiles that exist are not made again")
           ->check(CLI::Range(16, 4096));
-  command.add_option("--shard", s.shard, "Make part I (from 0) of N of the tiles")
-      ->type_name("I/N")
-      ->capture_default_str()
-      ->needs(tiles);
+  command.add_option("--shard", s.shard, "Make part I (from 0) of N of the tiles")->type_name("I/N")->needs(tiles);
   add_options(command, s.terrain);
 }
 
@@ -69,24 +66,20 @@ void add_options(CLI::App& command, BatchSettings& s) {
   command
       .add_option("--shard", s.shard,
                   "Render part I (from 0) of N of the manifest; parts have the same number of lines, or of tars")
-      ->type_name("I/N")
-      ->capture_default_str();
+      ->type_name("I/N");
   command
       .add_option("--format", s.format,
                   "Write frames as DIR/NAME.FORMAT or, for webdataset, as tars of .npz (DIR/frames-000000.tar)")
-      ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}));
   command
       .add_option("--frames-per-tar", s.frames_per_tar,
                   "Put at most this many frames into a tar of --format webdataset")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
-      ->capture_default_str();
+      ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20));
   command.add_flag("--resume", s.resume,
                    "Replace files under the manifest's names in DIR that are not its frames with this software and "
                    "this terrain; they are refused otherwise. Finished frames are never rendered again");
   command.add_option("--in-work", s.in_work, "Render this many frames at once; 0: two, or one on a single core")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1024));
   add_options(command, s.terrain);
   // A campaign may wait longer for a frame than a client of the service.
   s.limits.default_deadline = std::chrono::hours(1);
@@ -110,8 +103,7 @@ void add_options(CLI::App& command, InfoSettings& s) {
   command
       .add_option("--resampling", s.resampling,
                   "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1000000));
   command
       .add_option("--heights", s.heights,
                   "Read about this many posts of each file for its lowest and highest height; default: 1048576, with "
@@ -120,54 +112,39 @@ void add_options(CLI::App& command, InfoSettings& s) {
   command
       .add_option("--borders", s.borders,
                   "Measure the steps along the borders of this many layers (reads their files); 0: none")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1000000));
   command.add_flag("--json", s.json, "Print JSON");
 }
 
 void add_options(CLI::App& command, SampleSettings& s) {
   command.add_option("folder", s.folder, "Write to this folder; created if missing")->required()->type_name("DIR");
-  command.add_option("--seed", s.options.seed, "Seed the random landscape")
-      ->check(refusal_of_seed)
-      ->capture_default_str();
-  command.add_option("--south-deg", s.options.south_deg, "Set the southern border")
-      ->check(CLI::Range(-90, 89))
-      ->capture_default_str();
-  command.add_option("--west-deg", s.options.west_deg, "Set the western border")
-      ->check(CLI::Range(-180, 359))
-      ->capture_default_str();
-  command.add_option("--rows", s.options.rows, "Write this many tiles from south to north")
-      ->check(CLI::Range(1, 180))
-      ->capture_default_str();
+  command.add_option("--seed", s.options.seed, "Seed the random landscape")->check(refusal_of_seed);
+  command.add_option("--south-deg", s.options.south_deg, "Set the southern border")->check(CLI::Range(-90, 89));
+  command.add_option("--west-deg", s.options.west_deg, "Set the western border")->check(CLI::Range(-180, 359));
+  command.add_option("--rows", s.options.rows, "Write this many tiles from south to north")->check(CLI::Range(1, 180));
   command.add_option("--columns", s.options.columns, "Write this many tiles from west to east")
-      ->check(CLI::Range(1, 360))
-      ->capture_default_str();
+      ->check(CLI::Range(1, 360));
   command.add_option("--ppd", s.options.posts_per_degree, "Write this many posts per degree, a power of two")
       ->check(CLI::Range(16, 8192))
       ->check([](const std::string& text) {
         const long ppd = std::stol(text);
         return (ppd & (ppd - 1)) == 0 ? std::string() : std::string("must be a power of two");
-      })
-      ->capture_default_str();
+      });
   command.add_flag("--date-line", s.options.date_line, "Write tiles on both sides of the 180th meridian, too");
 }
 
 void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
   add_place(command, "--center", s.center, "Compare the finest tile at this place")->required();
   command.add_option("--height-m", s.request.height_m, "Put the cameras at this height above the ground")
-      ->check(number_in(1.0, 1e9))
-      ->capture_default_str();
+      ->check(number_in(1.0, 1e9));
   command.add_option("--mode", s.mode, "Use rays through the posts, ordinary frames resampled to them, or both")
-      ->check(CLI::IsMember({"exact", "camera", "both"}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"exact", "camera", "both"}));
   command
       .add_option("--posts", s.request.posts,
                   "Compare this many posts along each side of the window; 0: the entire tile")
-      ->check(CLI::Range(0, 1 << 20))
-      ->capture_default_str();
+      ->check(CLI::Range(0, 1 << 20));
   command.add_option("--footprint", s.request.footprint_ratio, "Set pixel footprint over post spacing, in mode camera")
-      ->check(number_in(0.01, 100.0))
-      ->capture_default_str();
+      ->check(number_in(0.01, 100.0));
   command.add_option("-o,--output", s.output, "Write a folder per mode to this folder; created if missing")
       ->required()
       ->type_name("DIR");
@@ -188,19 +165,14 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       ->delimiter(',')
       ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
   command.add_option("--height-m", s.height_m, "Put the camera at this height above ground, except in descents")
-      ->check(number_in(1.0, 1e9))
-      ->capture_default_str();
-  command.add_option("--size-px", s.size_px, "Render frames of this side")
-      ->check(CLI::Range(32, 4096))
-      ->capture_default_str();
+      ->check(number_in(1.0, 1e9));
+  command.add_option("--size-px", s.size_px, "Render frames of this side")->check(CLI::Range(32, 4096));
   command.add_option("--repetitions", s.repetitions, "Repeat each timing this often; the median is reported")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+      ->check(CLI::Range(1, 1000));
   command
       .add_option("--reference-samples", s.reference_samples,
                   "Render the reference with this many samples per pixel, a square")
-      ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}));
   for (const char* of_scenes : {"--center", "--polar-center", "--detail", "--scenes", "--height-m", "--size-px"})
     request->excludes(command.get_option(of_scenes));
   command.add_option("-o,--output", s.output, "Write to this folder; created if missing")->required()->type_name("DIR");

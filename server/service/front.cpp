@@ -3,9 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
+#include <optional>
+#include <tuple>
 #include <utility>
 
 #include "api/message/problem.h"
+#include "server/http/access.h"
 
 namespace selenograph::server {
 namespace {
@@ -23,6 +27,34 @@ api::Response text_answer(int status, std::string body, std::string content_type
 api::Response get_only() {
   api::Response answer = api::problem("method_not_allowed", "this path supports only GET");
   answer.headers.emplace_back("Allow", "GET, HEAD");
+  return answer;
+}
+
+// A page loads only what it embeds or this service serves, and no other page may frame it.
+constexpr char kPolicy[] =
+    "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; "
+    "img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+// Returns nothing if the request's path is not a page, or its peer may not open it: the request is then answered like
+// one for any other path.
+std::optional<api::Response> page_for(const api::Request& request, PageAccess access) {
+  constexpr std::string_view kHtml = "text/html; charset=utf-8";
+  static const std::map<std::string_view, std::pair<std::string_view, std::string_view>> kPages = {
+      {"/", {kHtml, page_html()}},
+      {"/docs", {kHtml, docs_html()}},
+      {"/marked.js", {"text/javascript; charset=utf-8", marked_js()}},
+  };
+  const auto page = kPages.find(request.path);
+  if (page == kPages.end()) return std::nullopt;
+  // Requests through a proxy on this machine count as local: behind one, use --page off.
+  if (access == PageAccess::off || (access == PageAccess::local && !is_loopback(request.peer))) return std::nullopt;
+  if (request.method != "GET") return get_only();
+  api::Response answer;
+  answer.headers = {{"Content-Security-Policy", kPolicy},
+                    {"X-Content-Type-Options", "nosniff"},
+                    {"Referrer-Policy", "no-referrer"},
+                    {"Cache-Control", "no-cache"}};
+  std::tie(answer.content_type, answer.body) = page->second;
   return answer;
 }
 
@@ -44,7 +76,7 @@ api::Response Front::answer_other_path(const api::Request& request) const {
     get.method = "GET";
     return answer_other_path(get);
   }
-  if (auto page = page_for(request, pages_)) return request.method == "GET" ? std::move(*page) : get_only();
+  if (auto page = page_for(request, pages_)) return std::move(*page);
   return service_.handle(request);
 }
 

@@ -1,19 +1,33 @@
-// Dispatches requests between the HTTP server and the service: health, metrics, pages.
+// Dispatches requests between the HTTP server and the service: health, metrics, and the web pages: GET / (a map, a
+// camera's frame, service status) and GET /docs (the API document). Each is one file of page/, embedded in the
+// executable; they use the public API.
 #pragma once
 
 #include <atomic>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "api/service.h"
 #include "server/service/metrics.h"
-#include "server/service/pages.h"
 
 namespace selenograph::server {
 
 // Paths that are answered whatever else the service does.
 inline const std::vector<std::string> kProbePaths{"/health/live", "/health/ready", "/metrics"};
+
+enum class PageAccess {
+  off,    // nobody may open the pages
+  local,  // loopback peers only
+  on,     // everybody
+};
+
+// Contents of page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the API document's
+// descriptions. deploy/support/embed.cmake generates these functions.
+std::string_view page_html();
+std::string_view docs_html();
+std::string_view marked_js();
 
 class Front {
  public:

