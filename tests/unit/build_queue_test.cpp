@@ -143,21 +143,6 @@ TEST(BuildQueue, ErrorsReachWaitersAndAreNotCached) {
   EXPECT_TRUE(queue.get(plan(0, false), {}));
 }
 
-TEST(BuildQueue, DependenciesOfDroppedChunksAreDropped) {
-  Door door;
-  std::atomic<int> finer{0};
-  BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) -> Turn {
-    if (work.plan.node == plan(2).node) ++finer;
-    if (work.plan.direct) return made();
-    door.pass();
-    return {nullptr, plan(2)};
-  });
-  EXPECT_THROW(queue.get(plan(0, false), in(30ms)), Cancelled);  // begun
-  door.open();
-  EXPECT_TRUE(queue.get(plan(3), {}));  // by then the chunk that nobody wants has been dropped
-  EXPECT_EQ(finer, 0);
-}
-
 TEST(BuildQueue, ShutdownCancelsBuildsAndWaiters) {
   Door begun;
   std::optional<BuildQueue> queue;
