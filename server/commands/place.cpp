@@ -8,13 +8,13 @@ namespace selenograph::server {
 std::optional<Geographic> place_of(const std::string& text) {
   const std::size_t comma = text.find(',');
   if (comma == std::string::npos) return std::nullopt;
-  Geographic place{0, 0, 0};
+  Geographic position{0, 0, 0};
   try {
-    GeographicLib::DMS::DecodeLatLon(text.substr(0, comma), text.substr(comma + 1), place.lat_deg, place.lon_deg);
+    GeographicLib::DMS::DecodeLatLon(text.substr(0, comma), text.substr(comma + 1), position.lat_deg, position.lon_deg);
   } catch (const GeographicLib::GeographicErr&) {
     return std::nullopt;
   }
-  return std::isfinite(place.lat_deg + place.lon_deg) ? std::optional(place) : std::nullopt;
+  return std::isfinite(position.lat_deg + position.lon_deg) ? std::optional(position) : std::nullopt;
 }
 
 }  // namespace selenograph::server
