@@ -7,6 +7,7 @@ import pathlib
 import re
 import sys
 import tempfile
+import textwrap
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -14,7 +15,7 @@ ROOMS = ["server", "api", "engine", "dem"]
 # Programs of their own, with lists of their own.
 CLIENTS = "api/clients/"
 HEAD = "Files:\n\n"
-LIST = re.compile(f"^{HEAD}(?:- `.*\n)*", re.MULTILINE)
+LIST = re.compile(f"^{HEAD}(?:- `.*\n(?:  .*\n)*)*", re.MULTILINE)
 
 
 def folders(root):
@@ -46,7 +47,8 @@ def first_sentence(file):
 
 
 def file_list(pairs):
-    return HEAD + "".join(f"- `{name}`: {first_sentence(file)}\n" for name, file in sorted(pairs.items()))
+    items = (f"- `{name}`: {first_sentence(file)}" for name, file in sorted(pairs.items()))
+    return HEAD + "".join(textwrap.fill(item, 120, subsequent_indent="  ", break_on_hyphens=False) + "\n" for item in items)
 
 
 def stale(root):
@@ -80,7 +82,7 @@ class FileTables(unittest.TestCase):
             "dem/a/one.h": "// One thing: its\n// parts; more.\n#pragma once\n",
             "dem/a/one.cpp": "// Not this.\n",
             "dem/a/two.cpp": "// Two things\n// in a row, which are two: more.\n",
-            "dem/a/README.md": "# a\n\n" + HEAD + "- `gone`: what went\n\nText.\n",
+            "dem/a/README.md": "# a\n\n" + HEAD + "- `gone`: what\n  went\n\nText.\n",
             "dem/b/one.h": "// Alone.\n",
         }
         with tempfile.TemporaryDirectory() as folder:
