@@ -1,4 +1,4 @@
-// Requests for the stars, the Sun, the Earth and the planets in a camera's image, and their answers as JSON and NPZ.
+// Requests for the sky in a camera's image, and their answers as JSON and NPZ.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
-// Keeps the ground that a terrain with detail has made, in the pyramid's memory cache and in the cache folder, and
-// lends the task arena to those who make it. The drawing in ground_cache.cpp shows why its threads do not deadlock.
+// Keeps the ground that a terrain with detail has made, in memory and in the cache folder. It lends the task arena to
+// those who make ground; the drawing in ground_cache.cpp shows why its threads do not deadlock.
 #pragma once
 
 #include <cstdint>

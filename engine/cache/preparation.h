@@ -1,4 +1,4 @@
-// Prepares scenes of expected frames in idle time, on a budget of time for each frame and of memory for all
+// Prepares scenes of expected frames in idle time. Each frame has a budget of time, all share one of memory
 // (RenderCache). It never changes a byte of any answer.
 //
 //   frame --> expect() --> Track of its camera --> predicted poses --> queue, soonest step first

@@ -1,5 +1,5 @@
-// Samples in time of an exposure during which the image moves, or a row's charge does not move as the image: how many,
-// when, and what each sees.
+// Samples in time of an exposure: how many, when, and what each sees, where the image moves or a row's charge does not
+// move as the image does.
 #pragma once
 
 #include <cstddef>

@@ -1,5 +1,5 @@
-// Positions and sizes of sixteen pixels' footprints on a map, computed relative to one of them by series instead of arc
-// tangents.
+// Positions and sizes of sixteen pixels' footprints on a map. They are computed relative to one of them, by series
+// instead of arc tangents.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,5 @@
+// Splits blocks until neighbours differ by at most one level.
+
 #include "dem/detail/detailed_terrain.h"
 #include "dem/posts/level_borders.h"
 #include "engine/scene/view_selector.h"

@@ -1,3 +1,5 @@
+// Refines blocks until shadows are as exact as requested, and adds occluders out of view.
+
 #include <cmath>
 
 #include "engine/scene/view_selector.h"

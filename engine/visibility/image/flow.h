@@ -1,4 +1,4 @@
-// Optical flow: the positions in another image of the same scene of the points that the pixels of a frame see.
+// Optical flow: where the points that a frame's pixels see lie in another image of the same scene.
 #pragma once
 
 #include <cstdint>
