@@ -10,9 +10,14 @@ TEST(PlaceOf, ReadsDegreesAndSexagesimals) {
   const struct {
     const char* text;
     double lat_deg, lon_deg;
-  } places[] = {{"26.1,3.6", 26.1, 3.6},       {"-7.5,39.5", -7.5, 39.5},         {"-90,0", -90, 0},
-                {"10,350", 10, -10},           {"26:06N,3:36E", 26.1, 3.6},       {"3:36E,26:06N", 26.1, 3.6},
-                {"7:30S,320:30W", -7.5, 39.5}, {"26d6'0\"N,3d36'0\"E", 26.1, 3.6}};
+  } places[] = {{"26.1,3.6", 26.1, 3.6},
+                {"-7.5,39.5", -7.5, 39.5},
+                {"-90,0", -90, 0},
+                {"10,350", 10, 350},
+                {"26:06N,3:36E", 26.1, 3.6},
+                {"3:36E,26:06N", 26.1, 3.6},
+                {"7:30S,320:30W", -7.5, -320.5},
+                {"26d6'0\"N,3d36'0\"E", 26.1, 3.6}};
   for (const auto& [text, lat_deg, lon_deg] : places) {
     const auto place = place_of(text);
     ASSERT_TRUE(place) << text;
