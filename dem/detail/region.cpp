@@ -99,8 +99,6 @@ double Region::inside_m(const Vec3& direction) const {
   return polygon_holds(direction) ? nearest_m : -nearest_m;
 }
 
-double Region::share(const Vec3& direction, double fade_m) const {
-  return smoothstep(inside_m(direction) / fade_m);
-}
+double Region::share(const Vec3& direction, double fade_m) const { return smoothstep(inside_m(direction) / fade_m); }
 
 }  // namespace selenograph::dem

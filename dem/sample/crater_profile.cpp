@@ -44,9 +44,7 @@ int SplitMix::poisson(double mean) {
 
 std::uint64_t mix(std::uint64_t a, std::uint64_t b) { return SplitMix(a * 0xD1342543DE82EF95u + b).next(); }
 
-double smoothstep(double from, double to, double x) {
-  return dem::smoothstep((x - from) / (to - from));
-}
+double smoothstep(double from, double to, double x) { return dem::smoothstep((x - from) / (to - from)); }
 
 // ---- noise ----------------------------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kLimbDarkening = 0.6;      // of the Sun, as in frames
+constexpr double kLimbDarkening = 0.6;  // of the Sun, as in frames
 constexpr double kMeanEarthRadius_m = 6371000;
 
 void allocate(std::size_t places, Illumination& out) {

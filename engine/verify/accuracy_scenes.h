@@ -14,7 +14,7 @@ namespace selenograph::engine {
 struct AccuracyScene {
   std::string name, what;
   std::vector<FrameRequest> frames;  // accuracy and products are set by the sweep
-  std::optional<Accuracy> own{};      // measured besides the sweep's settings
+  std::optional<Accuracy> own{};     // measured besides the sweep's settings
 };
 
 // Returns the scenes: square frames of side_px pixels, 50 degrees wide, seen from height_m above the ground, except for

@@ -10,9 +10,9 @@
 
 #include "api/message/limits.h"
 #include "dem/posts/layer_joins.h"
+#include "server/service/front.h"
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
-#include "server/service/front.h"
 
 namespace CLI {
 class App;
