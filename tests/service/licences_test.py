@@ -14,7 +14,7 @@ from harness import BINARY, REPOSITORY, main
 
 PACKAGE = os.path.join(REPOSITORY, "deploy", "operation", "package")
 # Packages that the build needs and nothing of which is in the executable, or only by another library of the list.
-NOT_SHIPPED = {"libssl-dev": "cpp-httplib's", "zlib1g-dev": "cpp-httplib's", "libbrotli-dev": "cpp-httplib's"}
+NOT_SHIPPED = {"zlib1g-dev": "cpp-httplib's", "libbrotli-dev": "cpp-httplib's"}
 
 
 def paragraphs():
