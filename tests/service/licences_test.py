@@ -15,6 +15,8 @@ from harness import BINARY, REPOSITORY, main
 PACKAGE = os.path.join(REPOSITORY, "deploy", "operation", "package")
 # Packages that the build needs and nothing of which is in the executable, or only by another library of the list.
 NOT_SHIPPED = {"zlib1g-dev": "cpp-httplib's", "libbrotli-dev": "cpp-httplib's"}
+# In the executable if cpp-httplib's header calls it, as that of 0.18 does and that of 0.11 does not.
+EITHER = {"libssl-dev"}
 
 
 def paragraphs():
@@ -80,7 +82,7 @@ class BillOfMaterials(unittest.TestCase):
             return dict(line.split() for line in said.stdout.splitlines())
 
         listed = set(sources(name for name in self.packages if name != "selenograph").values())
-        for name, source in sources(libraries).items():
+        for name, source in sources(set(libraries) - EITHER).items():
             self.assertNotEqual(source in listed, name in NOT_SHIPPED, name)
 
     def test_most_licences_are_known(self):
