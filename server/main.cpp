@@ -143,12 +143,11 @@ void print_usage(const CLI::App& app) {
   print_error(RequestFirst().make_usage(command, name));
 }
 
-// Completes the settings of the command that was parsed from its configuration file, and runs it. Returns its exit
-// status.
+// Completes the settings of the command that was parsed, and runs it. Returns its exit status.
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
-  complete_from_file(*command, all_option_names(work));
+  complete_settings(*command, all_option_names(work));
   return work.at(command)();
 }
 

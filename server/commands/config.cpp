@@ -263,7 +263,14 @@ void complete_help(CLI::App& command) {
   }
 }
 
-void complete_from_file(CLI::App& command, const std::set<std::string>& all_options) {
+void complete_settings(CLI::App& command, const std::set<std::string>& all_options) {
+  // CLI11 has read the environment, but 2.4 drops a value that an option refuses, and lists whose elements are checked.
+  for (CLI::Option* option : command.get_options()) {
+    const auto value = environment_variable(option->get_envname());
+    if (!value || option->count() > 0) continue;
+    option->add_result(*value);
+    option->run_callback();
+  }
   const CLI::Option* option = command.get_option_no_throw("--config");
   if (!option || option->count() == 0) return;
   const auto path = option->as<std::string>();
@@ -272,6 +279,7 @@ void complete_from_file(CLI::App& command, const std::set<std::string>& all_opti
       if (!all_options.contains(item.fullname()))
         throw CLI::ValidationError(item.fullname(), "is not an option of any command");
     std::ifstream file(path);
+    command.allow_extras();           // options of other commands, which CLI11 2.4 counts as left over
     command.parse_from_stream(file);  // sets only options that are empty so far
   } catch (const CLI::ParseError& e) {
     throw CLI::ValidationError(path, e.what());

@@ -76,11 +76,11 @@ std::string variable_name(const std::string& option);
 // shows the options' defaults in its help. Call it after the options have been added.
 void complete_help(CLI::App& command);
 
-// Sets every option of a parsed command that neither the command line nor the environment has set from the file named
-// by --config, in CLI11's subset of TOML: name = value, lists as arrays, no sections. `all_options` holds the options
-// of all commands, since one file may serve them all; any other member is an error. Throws CLI::ParseError naming the
-// file.
-void complete_from_file(CLI::App& command, const std::set<std::string>& all_options);
+// Sets every option of a parsed command that the command line has not set from the environment, else from the file
+// named by --config, in CLI11's subset of TOML: name = value, lists as arrays, no sections. `all_options` holds the
+// options of all commands, since one file may serve them all; any other member is an error. Throws CLI::ParseError
+// naming the file.
+void complete_settings(CLI::App& command, const std::set<std::string>& all_options);
 
 // Returns the long option names of a command, without "--" and without help, version and config.
 std::set<std::string> option_names(const CLI::App& command);

@@ -233,7 +233,8 @@ class HttpServer::Library : public HttpServer, private httplib::Server {
   std::optional<api::Response> refusal_of(const Exchange& exchange, const httplib::Request& request) const {
     if (exchange.is_reserved && std::ranges::count(options_.reserved_paths, request.path) == 0)
       return api::problem("busy", "too many connections");
-    if (request.get_header_value_count("Host") != 1 && (request.version != "HTTP/1.0" || request.has_header("Host")))
+    const bool is_one_host = request.get_header_value_count("Host") == 1 && !request.get_header_value("Host").empty();
+    if (!is_one_host && (request.version != "HTTP/1.0" || request.has_header("Host")))
       return api::problem("malformed_request", "exactly one Host header is needed");
     if (request.has_header("Content-Encoding"))
       return api::problem("unsupported_media_type", "bodies with a Content-Encoding are not taken");

@@ -40,7 +40,7 @@ class Config : public ::testing::Test {
     app_.parse(arguments);
     std::set<std::string> known = option_names(*serve_);
     known.insert("seed");  // an option of another command
-    complete_from_file(*serve_, known);
+    complete_settings(*serve_, known);
   }
 
   std::string failure(const std::vector<std::string>& arguments) {
