@@ -51,7 +51,7 @@ CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpos
               int (*command)(const SettingsOfCommand&)) {
   CLI::App* app = parent.add_subcommand(name, purpose);
   add_options(*app, settings);
-  complete_help(*app);
+  complete_options(*app);
   work[app] = [&settings, command] { return command(settings); };
   return *app;
 }

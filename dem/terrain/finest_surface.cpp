@@ -62,9 +62,9 @@ bool intersects_quad_at(const RadialRay& ray, int level, Tick lat, Tick lon, Hei
 }  // namespace
 
 const FinestEdges::Edge& FinestEdges::edge(Side side) {
-  std::optional<Edge>& edge = edges_[static_cast<std::size_t>(side)];
-  if (!edge) edge = find_edge(side);
-  return *edge;
+  std::optional<Edge>& found = edges_[static_cast<std::size_t>(side)];
+  if (!found) found = find_edge(side);
+  return *found;
 }
 
 FinestEdges::Edge FinestEdges::find_edge(Side side) {
@@ -113,11 +113,11 @@ Vec3 FinestEdges::vertex(int r, int c) {
   const Edge& along_column = c == 0 ? edge(Side::west) : c == quads ? edge(Side::east) : none;
   const int common_r = r - r % along_column.stride, common_c = c - c % along_row.stride;
   float height_m = block_.vertices[block_.index(common_r, common_c)].height_m;
-  for (const Edge* edge : {&along_row, &along_column})
-    if (edge->source) {
+  for (const Edge* on_edge : {&along_row, &along_column})
+    if (on_edge->source) {
       const std::int64_t lat = block_.extent.lat0 + std::int64_t{common_r} * block_.extent.lat_step,
                          lon = block_.extent.lon0 + std::int64_t{common_c} * block_.extent.lon_step;
-      height_m = post_at(*edge->source, lat, lon).value_or(height_m);
+      height_m = post_at(*on_edge->source, lat, lon).value_or(height_m);
     }
   return block_.position(common_r, common_c, static_cast<double>(height_m));
 }

@@ -253,7 +253,7 @@ std::set<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-void complete_help(CLI::App& command) {
+void complete_options(CLI::App& command) {
   for (CLI::Option* option : command.get_options()) {
     const std::string name = long_name(*option);
     if (!name.empty() && name != "help") option->envname(variable_name(name));

@@ -74,7 +74,7 @@ std::string variable_name(const std::string& option);
 
 // Lets the environment set each option of a command that is not on the command line, where a list is written [a,b], and
 // shows the options' defaults in its help. Call it after the options have been added.
-void complete_help(CLI::App& command);
+void complete_options(CLI::App& command);
 
 // Sets every option of a parsed command that the command line has not set from the environment, else from the file
 // named by --config, in CLI11's subset of TOML: name = value, lists as arrays, no sections. `all_options` holds the

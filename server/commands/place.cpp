@@ -14,7 +14,9 @@ std::optional<Geographic> place_of(const std::string& text) {
   } catch (const GeographicLib::GeographicErr&) {
     return std::nullopt;
   }
-  return std::isfinite(position.lat_deg + position.lon_deg) ? std::optional(position) : std::nullopt;
+  // GeographicLib takes NaN, and any longitude.
+  const bool is_valid = !std::isnan(position.lat_deg) && position.lon_deg >= -180 && position.lon_deg <= 360;
+  return is_valid ? std::optional(position) : std::nullopt;
 }
 
 }  // namespace selenograph::server

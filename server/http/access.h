@@ -46,7 +46,7 @@ inline bool is_loopback(std::string_view address) { return address.starts_with("
 // Returns nothing if the request is accepted, else its problem. Hosts are compared without case, final dot and port: a
 // forwarded port differs, and a rebound page has the right one. Of several headers each must be accepted.
 //  - "misdirected_request": Host is none of `own` and `allowed`. A request without Host passes: browsers always send
-//  it;
+//  one;
 //  - "foreign_origin": Origin is neither http(s)://Host nor, on any port, one of `allowed`. "null" (a file, a sandboxed
 //    frame) is always foreign.
 std::optional<api::Response> refusal_by_host(const Headers& headers, const std::vector<std::string>& own,

@@ -22,7 +22,7 @@ class Config : public ::testing::Test {
                 .string();
     serve_ = app_.add_subcommand("serve");
     add_options(*serve_, settings_);
-    complete_help(*serve_);
+    complete_options(*serve_);
   }
   ~Config() override {
     std::remove(path_.c_str());
@@ -218,7 +218,7 @@ TEST(ConfigLimits, DefaultsAreTheServices) {
   api::Limits limits;
   CLI::App command;
   add_options(command, limits);
-  complete_help(command);
+  complete_options(command);
   for (const auto& [option, value] :
        {std::pair<std::string, double>{"--deadline-s", 1e-3 * static_cast<double>(untouched.default_deadline.count())},
         {"--max-body-kb", static_cast<double>(untouched.max_body_bytes) / 1024},

@@ -16,7 +16,7 @@ TEST(PlaceOf, ReadsDegreesAndSexagesimals) {
                 {"10,350", 10, 350},
                 {"26:06N,3:36E", 26.1, 3.6},
                 {"3:36E,26:06N", 26.1, 3.6},
-                {"7:30S,320:30W", -7.5, -320.5},
+                {"7:30S,140:30W", -7.5, -140.5},
                 {"26d6'0\"N,3d36'0\"E", 26.1, 3.6}};
   for (const auto& [text, lat_deg, lon_deg] : places) {
     const auto place = place_of(text);
@@ -28,7 +28,8 @@ TEST(PlaceOf, ReadsDegreesAndSexagesimals) {
 }
 
 TEST(PlaceOf, RefusesOtherText) {
-  for (const char* text : {"", ",", "26.1", "26.1,", "26.1,3.6,0", "91,0", "nan,0", "0,inf", "26.1N,3.6N", "a,b"})
+  for (const char* text : {"", ",", "26.1", "26.1,", "26.1,3.6,0", "91,0", "0,361", "0,181W", "7:30S,320:30W", "nan,0",
+                           "0,inf", "26.1N,3.6N", "a,b"})
     EXPECT_FALSE(place_of(text)) << text;
 }
 
