@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dem/base/parallel.h"
+#include "dem/base/pool.h"
 #include "dem/base/smoothstep.h"
 #include "dem/detail/detail_kernels.h"
 
@@ -134,9 +135,11 @@ struct Azimuths {
   }
 };
 
+}  // namespace
+
 // Rays of a crater: brightness by azimuth, with mean 1, near the crater and far from it; in between they are blended,
 // so that rays are not straight.
-class Rays {
+class CraterBrightness::Rays {
  public:
   explicit Rays(std::uint64_t crater_id) {
     Draws draws(crater_id, 1, 0, 0);
@@ -165,23 +168,29 @@ class Rays {
   const float* far() const { return value_[1].data(); }
   static constexpr double kFar = 5;  // crater radii from the centre to `far`
 
-  // Returns the rays of a crater. Each thread caches the latest ones, because adjacent blocks share the rays of large
-  // craters. The reference is valid until the thread's next call.
-  static const Rays& of(std::uint64_t crater_id) {
-    struct CachedRays {
-      std::uint64_t crater_id;
-      Rays rays;
-    };
-    constexpr std::size_t kEntries = 128;  // some 260 KB
-    static thread_local std::array<std::unique_ptr<CachedRays>, kEntries> cache;
-    std::unique_ptr<CachedRays>& entry = cache[crater_id % kEntries];
-    if (!entry || entry->crater_id != crater_id) entry.reset(new CachedRays{crater_id, Rays(crater_id)});
+ private:
+  std::array<std::array<float, Azimuths::kCount + 1>, 2> value_{};
+};
+
+// The latest rays: adjacent blocks share those of large craters.
+class CraterBrightness::RaysCache {
+ public:
+  // The reference is valid until the next call.
+  const Rays& of(std::uint64_t crater_id) {
+    std::unique_ptr<Entry>& entry = entries_[crater_id % entries_.size()];
+    if (!entry || entry->crater_id != crater_id) entry.reset(new Entry{crater_id, Rays(crater_id)});
     return entry->rays;
   }
 
  private:
-  std::array<std::array<float, Azimuths::kCount + 1>, 2> value_{};
+  struct Entry {
+    std::uint64_t crater_id;
+    Rays rays;
+  };
+  std::array<std::unique_ptr<Entry>, 128> entries_;  // some 260 KB
 };
+
+namespace {
 
 // Returns the share of immature soil in what a crater digs up, from a tenth of its diameter.
 double immature_share(double diameter_m) {
@@ -292,7 +301,7 @@ double CraterBrightness::at_rim(const Crater& crater) const {
          zones.wall * static_cast<double>(profile.wall[rim]);
 }
 
-void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid,
+void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid, RaysCache& cache,
                                   std::span<float> added) {
   const Profile& profile = profile_of(zones.reach);
   const double reach = zones.reach_radii();
@@ -307,7 +316,7 @@ void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, cons
   }
   CraterGlow glow{even.data(), nullptr, nullptr, nullptr, Profile::kSteps, 0};
   if (zones.reach > 0) {
-    const Rays& rays = Rays::of(crater.id);
+    const Rays& rays = cache.of(crater.id);
     glow.in_rays = in_rays.data();
     glow.near_rays = rays.near();
     glow.far_rays = rays.far();
@@ -338,9 +347,11 @@ void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid
   // Sums are rounded: one order for all grids.
   std::sort(bright.begin(), bright.end(), [](const auto& a, const auto& b) { return formed_before(a.first, b.first); });
   std::vector<float> added(factor.size(), 0.F);
+  static Pool<RaysCache> caches;
+  const Pool<RaysCache>::Lease cache(caches);
   for (const auto& [crater, zones] : bright) {
     stop.check();
-    add_crater(crater, zones, grid, added);
+    add_crater(crater, zones, grid, *cache, added);
   }
   const double octave_mean = mean(octave);
   for (std::size_t i = 0; i < factor.size(); ++i)

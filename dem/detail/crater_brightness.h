@@ -63,7 +63,10 @@ class CraterBrightness {
   // Averages wall_of() over the craters of a diameter.
   double mean_wall(const CraterAges& ages, double diameter_m) const;
   Zones zones_of(const Crater& crater) const;
-  static void add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid, std::span<float> added);
+  class Rays;
+  class RaysCache;
+  static void add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid, RaysCache& cache,
+                         std::span<float> added);
   double mean_of_sizes(const CraterAges& ages, double smallest_m, double largest_m) const;
 
   double variation_;

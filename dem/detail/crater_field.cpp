@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 
+#include "dem/base/pool.h"
 #include "dem/detail/footprints.h"
 
 namespace selenograph::dem {
@@ -51,6 +52,42 @@ std::uint64_t next_field_id() {
 
 }  // namespace
 
+// Direct-mapped, 48 x 48 entries, indexed by row and column modulo 48: up to that many adjacent cells do not collide.
+// Octaves are shifted against each other.
+class CraterField::CellCache {
+ public:
+  // Returns all craters whose centre is in a cell. The reference is valid until the next call.
+  const std::vector<Crater>& craters_in(const CraterField& field, const SizeCells::Cell& cell) {
+    const auto [octave, row, column] = cell;
+    const auto slot = [](int index) { return static_cast<std::size_t>(index) % kSide; };
+    Entry& entry = entries_[slot(row + 5 * octave) * kSide + slot(column + 7 * octave)];
+    if (entry.field_id == field.id_ && entry.cell == cell) return entry.craters;
+    entry.field_id = 0;  // until it is complete: drawing may throw
+    entry.craters.clear();
+    field.cells_.draw_cell(cell, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+      if (const auto crater = field.draw_crater(draws, centre, diameter_m); crater && field.region_.holds(centre))
+        entry.craters.push_back(*crater);
+    });
+    entry.field_id = field.id_;
+    entry.cell = cell;
+    return entry.craters;
+  }
+
+ private:
+  struct Entry {
+    std::uint64_t field_id = 0;  // 0: invalid
+    SizeCells::Cell cell{};
+    std::vector<Crater> craters;
+  };
+  static constexpr std::size_t kSide = 48;
+  std::array<Entry, kSide * kSide> entries_;
+};
+
+Pool<CraterField::CellCache>& CraterField::cell_caches() {
+  static Pool<CellCache> caches;
+  return caches;
+}
+
 CraterField::CraterField(const CraterLaw& law, const Region& region_of_centres)
     : id_(next_field_id()),
       law_(law),
@@ -80,45 +117,21 @@ std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre,
   return crater;
 }
 
-const std::vector<Crater>& CraterField::in_cell(const SizeCells::Cell& cell) const {
-  // The thread's direct-mapped cache of 48 x 48 entries, indexed by row and column modulo 48: up to that many adjacent
-  // cells do not collide. Octaves are shifted against each other.
-  struct CachedCell {
-    std::uint64_t field_id = 0;  // 0: invalid
-    SizeCells::Cell cell{};
-    std::vector<Crater> craters;
-  };
-  constexpr std::size_t kSide = 48;
-  static thread_local std::array<CachedCell, kSide * kSide> cache;
-  const auto [octave, row, column] = cell;
-  const auto slot = [](int index) { return static_cast<std::size_t>(index) % kSide; };
-  CachedCell& entry = cache[slot(row + 5 * octave) * kSide + slot(column + 7 * octave)];
-  if (entry.field_id == id_ && entry.cell == cell) return entry.craters;
-  // Invalidate the entry until it is complete: drawing may throw.
-  entry.field_id = 0;
-  entry.craters.clear();
-  cells_.draw_cell(cell, [&](Draws& draws, const Vec3& centre, double diameter_m) {
-    if (const auto crater = draw_crater(draws, centre, diameter_m); crater && region_.holds(centre))
-      entry.craters.push_back(*crater);
-  });
-  entry.field_id = id_;
-  entry.cell = cell;
-  return entry.craters;
-}
-
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
                        const StopToken& stop) const {
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
+  const Pool<CellCache>::Lease cache(cell_caches());
   cells_.cells_near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop, [&](const SizeCells::Cell& cell) {
-    for (const Crater& crater : in_cell(cell))
+    for (const Crater& crater : cache->craters_in(*this, cell))
       if ((crater.centre - direction).norm() * kMoonRadius_m - radius_m <= crater.reach_m()) out.push_back(crater);
   });
 }
 
 void CraterField::within(int octave, const Vec3& direction, double distance_m, std::vector<Crater>& out,
                          const StopToken& stop) const {
+  const Pool<CellCache>::Lease cache(cell_caches());
   cells_.cells_near(octave, direction, distance_m / kMoonRadius_m, stop, [&](const SizeCells::Cell& cell) {
-    const std::vector<Crater>& craters = in_cell(cell);
+    const std::vector<Crater>& craters = cache->craters_in(*this, cell);
     out.insert(out.end(), craters.begin(), craters.end());
   });
 }

@@ -13,6 +13,7 @@
 #include <tuple>
 #include <vector>
 
+#include "dem/base/pool.h"
 #include "dem/detail/crater_ages.h"
 #include "dem/detail/crater_shape.h"
 #include "dem/detail/region.h"
@@ -99,13 +100,13 @@ class CraterField {
   const CraterShape& shape() const { return CraterShape::of_all(); }
 
  private:
-  // Returns all craters whose centre is in a cell. Each thread caches the latest cells, because adjacent blocks share
-  // their large craters. The reference is valid until the thread's next call.
-  const std::vector<Crater>& in_cell(const SizeCells::Cell& cell) const;
+  // The latest cells of all fields: adjacent blocks share their large craters.
+  class CellCache;
+  static Pool<CellCache>& cell_caches();
   // Draws a crater's depth and age. Empty: it has not formed yet.
   std::optional<Crater> draw_crater(Draws& draws, const Vec3& centre, double diameter_m) const;
 
-  std::uint64_t id_;  // distinguishes this population from others of the process in the threads' caches
+  std::uint64_t id_;  // distinguishes this population from others of the process in the caches
   CraterLaw law_;
   CraterAges ages_;
   Region region_;

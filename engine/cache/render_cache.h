@@ -13,6 +13,7 @@
 #include <unordered_set>
 
 #include "dem/base/cache.h"
+#include "dem/base/pool.h"
 #include "dem/base/stop_token.h"
 #include "dem/detail/crater_visibility.h"
 #include "dem/detail/rocks_on_ground.h"
@@ -23,7 +24,6 @@
 #include "engine/indirect/light_tile.h"
 #include "engine/sensor/stray_light.h"
 #include "engine/support/content_key.h"
-#include "engine/support/pool.h"
 #include "engine/visibility/points/scene.h"
 #include "engine/visibility/zbuffer/raster_pass.h"
 

@@ -8,14 +8,13 @@
 #include <algorithm>
 #include <cstdint>
 
-// Options that jemalloc reads as the process starts. Huge pages for everything. A thread of jemalloc
-// returns pages to the system that were free for ten seconds: each frame reuses the memory that the one before freed,
-// also that of large arrays. One arena, because each keeps its own free memory, and large
-// arrays are not allocated often enough to contend. Small arrays may be cut from free memory of any size, not only of
-// up to 64 times theirs.
+// Options that jemalloc reads as the process starts. Huge pages for everything. Pages that were free for ten minutes
+// return to the system: each frame reuses the memory that the one before freed, also after a pause of the loop. One
+// arena, because each keeps its own free memory, and large arrays are not allocated often enough to contend. Small
+// arrays may be cut from free memory of any size, not only of up to 64 times theirs.
 extern "C" const char* malloc_conf;
 const char* malloc_conf =
-    "thp:always,metadata_thp:auto,background_thread:true,dirty_decay_ms:10000,muzzy_decay_ms:0,oversize_threshold:0,"
+    "thp:always,metadata_thp:auto,background_thread:true,dirty_decay_ms:600000,muzzy_decay_ms:0,oversize_threshold:0,"
     "narenas:1,"
     "lg_extent_max_active_fit:40";
 

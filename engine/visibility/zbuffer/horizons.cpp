@@ -5,9 +5,9 @@
 #include <limits>
 #include <utility>
 
+#include "dem/base/pool.h"
 #include "dem/base/vector_targets.h"
 #include "engine/scene/vertex_rows.h"
-#include "engine/support/pool.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/horizons.cpp"

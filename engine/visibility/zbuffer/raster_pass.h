@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
+#include "dem/base/pool.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/frame/report.h"
-#include "engine/support/pool.h"
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"

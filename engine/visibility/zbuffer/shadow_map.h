@@ -23,9 +23,9 @@
 #include <cstring>
 #include <vector>
 
+#include "dem/base/pool.h"
 #include "dem/base/stop_token.h"
 #include "engine/support/packet.h"
-#include "engine/support/pool.h"
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/zbuffer/horizons.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"

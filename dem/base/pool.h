@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-namespace selenograph::engine {
+namespace selenograph {
 
 // Pool of scratch items. Thread-safe. Take one lease per task, not per pixel, because a lease locks a mutex.
 template <typename Scratch>
@@ -79,4 +79,4 @@ std::size_t bytes_of(const std::vector<T>& array) {
   return array.capacity() * sizeof(T);
 }
 
-}  // namespace selenograph::engine
+}  // namespace selenograph
