@@ -62,9 +62,8 @@ class Renderer {
   }
 
   // Prepares the scenes of the frames expected after `frame`, while no request is rendered (preparation.h). `ahead`:
-  // the poses of its camera's next frames, soonest first; empty: its motion is extrapolated. Takes at most 20 s of
-  // processor time and half of the scenes' memory, and changes no byte of any frame. `name` distinguishes identical
-  // cameras at one instant.
+  // the poses of its camera's next frames, soonest first. Takes at most 20 s of processor time and half of the scenes'
+  // memory, and changes no byte of any frame. `name` distinguishes identical cameras at one instant.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
   // While the returned object exists, no preparation begins.
   std::shared_ptr<const void> pause_preparation() const;

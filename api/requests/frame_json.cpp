@@ -323,8 +323,8 @@ void add_rendering(Members<FrameQuery>& m) {
       .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
   m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMaxAhead},
         "expected poses of this camera's next frames, soonest first: their scenes are prepared while no request is in "
-        "work, for 20 s of processor time and in half of --scene-mb at most. Left out: the camera's motion is "
-        "extrapolated, as the Sun's always is. Changes no byte of any answer");
+        "work, for 20 s of processor time and in half of --scene-mb at most. The Sun's motion is "
+        "extrapolated. Changes no byte of any answer");
   m.add("echo", &FrameQuery::echo, Echo{},
         "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): returned unchanged in "
         "the header Selenograph-Echo. Changes no byte of any answer");

@@ -1,7 +1,6 @@
 #include "engine/cache/preparation.h"
 
 #include <algorithm>
-#include <array>
 #include <exception>
 #include <utility>
 
@@ -11,12 +10,8 @@ namespace selenograph::engine {
 namespace {
 
 // Largest motion between two frames of one track. A camera that moved farther is a different camera, or was moved by
-// hand, and its motion says nothing about the next frame.
+// hand.
 constexpr double kMaxStep_m = 20000, kMaxTurn_rad = 0.4;
-// Steps extrapolated for a camera whose client names no poses. With detail or light from terrain a scene takes long to
-// prepare: add steps far enough ahead to be ready in time.
-constexpr std::array kExtrapolated{1, 2};
-constexpr std::array kExtrapolatedFarther{1, 2, 6, 14};
 
 bool same(const Pose& a, const Pose& b) {
   return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
@@ -25,20 +20,6 @@ bool same(const Pose& a, const Pose& b) {
 // Limits of the Sun's motion between two frames. A Sun that moved farther than kMaxSun_rad was set by hand. Motion
 // below kMinSun_rad is rounding: the real Sun takes 0.4 ms for it.
 constexpr double kMaxSun_rad = 0.01, kMinSun_rad = 1e-9;
-// While the Sun moves less between two frames, a hovering camera needs no new scene; the real Sun takes a second for
-// it. Light from terrain must be prepared all the same: it changes from one instant to the next (light_tile.h).
-constexpr double kSlowSun_rad = 3e-6;
-
-// Returns the pose after repeating the motion from `before` to `now` `steps` times.
-Pose extrapolated(const Pose& before, const Pose& now, int steps) {
-  Pose pose = now;
-  const Eigen::Quaterniond turn = now.camera_from_moon * before.camera_from_moon.conjugate();
-  for (int k = 0; k < steps; ++k) {
-    pose.position_m += now.position_m - before.position_m;
-    pose.camera_from_moon = (turn * pose.camera_from_moon).normalized();
-  }
-  return pose;
-}
 
 // Returns the direction after repeating the rotation from `before` to `now` `steps` times.
 Vec3 extrapolated(const Vec3& before, const Vec3& now, int steps) {
@@ -139,22 +120,11 @@ void Preparation::enqueue(Expected next) {
   expected_.insert(later, std::move(next));
 }
 
-// Returns the states of the next frames, soonest first: the poses that the client named in `ahead`, or else the motion
-// between the last two frames continued. The Sun's motion is continued in both cases.
-std::vector<Preparation::PoseAndSun> Preparation::predict(const FrameRequest& before, const FrameRequest& now,
-                                                          std::span<const Pose> ahead) {
-  const auto sun = [&](int steps) { return extrapolated(before.sun.direction, now.sun.direction, steps); };
+std::vector<Preparation::PoseAndSun> Preparation::upcoming_states(const Vec3& sun_before, const Vec3& sun,
+                                                                  std::span<const Pose> ahead) {
   std::vector<PoseAndSun> upcoming;
-  for (const Pose& pose : ahead) upcoming.push_back({pose, sun(static_cast<int>(upcoming.size()) + 1)});
-  if (!ahead.empty()) return upcoming;
-  // A hovering camera needs no other scene if the light stays, too: the Sun moves too little to matter, or it is not
-  // extrapolated at all, being at rest or set by hand.
-  const bool same_light = (before.sun.direction - now.sun.direction).norm() <= kSlowSun_rad && !now.indirect.terrain;
-  const bool sun_stays = sun(1) == now.sun.direction;
-  if (same(before.pose, now.pose) && (same_light || sun_stays)) return upcoming;
-  const std::span<const int> steps = now.detail || now.indirect.terrain ? std::span<const int>(kExtrapolatedFarther)
-                                                                        : std::span<const int>(kExtrapolated);
-  for (const int step : steps) upcoming.push_back({extrapolated(before.pose, now.pose, step), sun(step)});
+  for (const Pose& pose : ahead)
+    upcoming.push_back({pose, extrapolated(sun_before, sun, static_cast<int>(upcoming.size()) + 1)});
   return upcoming;
 }
 
@@ -164,11 +134,11 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead,
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
     Track& track = track_of(frame, name);
-    const FrameRequest before = std::exchange(track.last, frame);
+    const Vec3 sun_before = std::exchange(track.last, frame).sun.direction;
     track.budget_left = budget_;
     ++track.frame;
     forget_expected(track.number);
-    const std::vector<PoseAndSun> upcoming = predict(before, frame, ahead);
+    const std::vector<PoseAndSun> upcoming = upcoming_states(sun_before, frame.sun.direction, ahead);
     drop_stale(track, upcoming);
     for (std::size_t step = 0; step < upcoming.size(); ++step) {
       if (track.find_prepared(upcoming[step])) continue;

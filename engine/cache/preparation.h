@@ -1,7 +1,7 @@
 // Prepares scenes of expected frames in idle time. Each frame has a budget of time, all share one of memory
 // (RenderCache). It never changes a byte of any answer.
 //
-//   frame --> expect() --> Track of its camera --> predicted poses --> queue, soonest step first
+//   frame --> expect() --> Track of its camera --> poses ahead --> queue, soonest step first
 //                                                                        |
 //   Work (a request is rendered): pauses the thread, cancels its scene   v
 //                                                   preparation thread: prepare_() --> scene in RenderCache
@@ -61,9 +61,9 @@ class Preparation {
     Preparation& preparation_;
   };
 
-  // Queues the scenes of the frames expected after `frame`. `ahead`: the camera's next poses, soonest first; if empty,
-  // its motion since the previous frame is extrapolated. The Sun's motion always is. Replaces earlier expectations for
-  // this camera. `name` distinguishes identical cameras.
+  // Queues the scenes of the frames expected after `frame`. `ahead`: the camera's next poses, soonest first. The Sun's
+  // motion since its previous frame is extrapolated. Replaces earlier expectations for this camera. `name`
+  // distinguishes identical cameras.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
   // Returns when nothing is left to prepare. For tests: it never returns while frames are active.
@@ -77,9 +77,8 @@ class Preparation {
     bool operator==(const PoseAndSun& other) const;
   };
   static PoseAndSun pose_and_sun_of(const FrameRequest& frame) { return {frame.pose, frame.sun.direction}; }
-  // Returns the expected frames, soonest first: the poses `ahead`, or, if there are none, extrapolated ones.
-  static std::vector<PoseAndSun> predict(const FrameRequest& before, const FrameRequest& now,
-                                         std::span<const Pose> ahead);
+  // Returns the poses `ahead`, each with the Sun a step farther.
+  static std::vector<PoseAndSun> upcoming_states(const Vec3& sun_before, const Vec3& sun, std::span<const Pose> ahead);
   // A prepared scene and the frame that it is for.
   struct Prepared {
     PoseAndSun state;

@@ -47,19 +47,10 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_wasted_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_motion_is_extrapolated(self):
-        service = Service(cache="flight")
-        for step in range(2):
-            self.answer(service, request_at(step))
-        self.wait_until(service, "selenograph_prefetched_scenes_total", 1)
-        self.answer(service, request_at(2))
-        self.assertGreaterEqual(service.metric("selenograph_prefetched_scenes_used_total"), 1)
-        self.assertEqual(service.stop(), 0)
-
-    def test_a_frame_alone_prepares_nothing(self):
+    def test_without_poses_ahead_nothing_is_prepared(self):
         service = Service(cache="alone")
-        for _ in range(3):
-            self.answer(service, request_at(0))
+        for step in range(3):
+            self.answer(service, request_at(step))
         self.assertEqual(service.metric("selenograph_prefetched_scenes_total"), 0)
         self.assertEqual(service.stop(), 0)
 

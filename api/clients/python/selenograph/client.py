@@ -83,7 +83,7 @@ class Client:
                    taken in other threads, and while the iterable waits (for a queue, say) frames are handed out
         ahead      number of poses, at most 64, that a request without "ahead" gets from the requests after it, so that
                    the service loads their terrain early. They are known where `requests` is a list or another sequence;
-                   other iterables are not read ahead, and the service extrapolates the camera's motion
+                   other iterables are not read ahead
 
         Neither changes a byte of any frame. An error ends the frames, in its place in the order.
         """
