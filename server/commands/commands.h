@@ -1,4 +1,4 @@
-// The commands of the executable. Each returns the exit status, and throws errors that main() prints.
+// The commands of the executable. Each returns the exit status, and throws errors that run_command_line() prints.
 #pragma once
 
 #include <optional>

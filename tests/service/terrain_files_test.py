@@ -91,6 +91,15 @@ class CommandLine(unittest.TestCase):
             self.assertNotEqual(done.returncode, 0)
             self.assertIn(meant, done.stderr)
 
+    def test_former_commands_name_their_successors(self):
+        for arguments, meant in ((("render", "x.json"), "selenograph ask frames REQUEST.json -o OUT"),
+                                 (("verify", "moon"), "tests/verify/moon.py"),
+                                 (("verify", "accuracy", "--indirect"), "--gtest_filter='IndirectLight.*'"),
+                                 (("batch", "x.jsonl", "--coco"), "python3 -m selenograph coco DIR -o coco.json")):
+            done = self.run_it(*arguments)
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(meant, done.stderr)
+
     def test_a_request_stands_before_the_options(self):
         for command, usage in ((("ask",), "ask call request [OPTIONS]"),
                                (("batch",), "batch [manifest] [OPTIONS] [SUBCOMMAND]"),
