@@ -5,11 +5,12 @@
 // is contracted to fused multiply-add (-ffp-contract=off), so every width gives the same bits.
 #pragma once
 
-// Each set of vectors costs compilation. On x86-64 there are AVX-512, AVX2, SSE4, and what the compiler assumes of
-// every processor, with which frames take three times as long as with AVX2. The sets above AVX-512's first (AVX3_DL and
+// Each set of vectors costs compilation. On x86-64 there are AVX-512, AVX2, and what the compiler assumes of every
+// processor, with which frames take three times as long as with AVX2. The sets above AVX-512's first (AVX3_DL and
 // better) add no arithmetic on float or double. Vectors without a size at compile time (SVE, RVV) cannot be members of
 // structures or arrays, as the kernels need: such machines use NEON, or scalar code.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | (HWY_AVX3 - 1) | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#define HWY_DISABLED_TARGETS \
+  (HWY_SSE4 | HWY_SSSE3 | (HWY_AVX3 - 1) | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 
 // Precedes a loop over lanes whose iterations do not access each other's memory.
 #if defined(__clang__)

@@ -41,7 +41,7 @@ struct StageTimes {
   // loaded, including their pyramid chunks.
   double pyramid_ms = 0, load_ms = 0;
   double indirect_ms = 0;    // light from terrain and Earth at posts; 0 without
-  LightTimes light;          // parts of indirect_ms
+  LightTimes light{};        // parts of indirect_ms
   double visibility_ms = 0;  // visible points, refinement, light and shading
   // Parts of visibility_ms with the z-buffer: drawing triangles, refining and shading points, casting shadows. Ray
   // tracing has no separate parts.
