@@ -231,7 +231,7 @@ const Members<MapView>& view_members() {
       "MapView", "A viewer so far away that all pixels are seen from the same direction.", [](auto& m) {
         m.add("direction", &MapView::direction, Vector{kAnyNumber}, "toward the viewer, MOON_ME; any length but zero")
             .required();
-        m.resolve([](const JsonReader& in, MapView& view, const ReadContext&) -> std::optional<MapView> {
+        m.resolve([](const JsonReader& in, const MapView& view, const ReadContext&) -> std::optional<MapView> {
           const std::optional<Vec3> direction = direction_member(in, view.direction);
           return direction ? std::optional(MapView{*direction}) : std::nullopt;
         });

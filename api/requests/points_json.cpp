@@ -27,7 +27,7 @@ const Members<engine::Ray>& ray_members() {
   static const auto table = make_table<Members<Ray>>("Ray", "A ray from a point.", [](auto& m) {
     m.add("origin_m", &Ray::origin_m, Vector{kCoordinate_m, "m"}, "MOON_ME").required();
     m.add("direction", &Ray::direction, Vector{kAnyNumber}, "MOON_ME; any length but zero").required();
-    m.resolve([](const JsonReader& in, Ray& ray, const ReadContext&) -> std::optional<Ray> {
+    m.resolve([](const JsonReader& in, const Ray& ray, const ReadContext&) -> std::optional<Ray> {
       const std::optional<Vec3> direction = direction_of(ray.direction);
       if (direction) return Ray{ray.origin_m, *direction};
       in.fail("direction", "is not a direction: three numbers are required, not all zero");

@@ -1,6 +1,24 @@
 #include "api/schema/answers.h"
 
-namespace selenograph::api::schema {
+namespace selenograph::api {
+
+OrderedJson AnswerTable::write_rows(const void* source) const {
+  OrderedJson json = OrderedJson::object();
+  for (const Row& row : rows_)
+    if (row.value && (!row.is_written || row.is_written(source))) json[row.name] = row.value(source);
+  return json;
+}
+
+OrderedJson AnswerTable::schema() const {
+  OrderedJson json = schema::object(description_, OrderedJson::object(), {});
+  for (const Row& row : rows_) {
+    json["properties"][row.name] = row.schema;
+    if (row.value && !row.is_written) json["required"].push_back(row.name);
+  }
+  return json;
+}
+
+namespace schema {
 
 OrderedJson with_keyword(OrderedJson json, const char* key, OrderedJson value) {
   json[key] = std::move(value);
@@ -47,4 +65,6 @@ OrderedJson object(const char* description, OrderedJson properties, std::initial
   return json;
 }
 
-}  // namespace selenograph::api::schema
+}  // namespace schema
+
+}  // namespace selenograph::api

@@ -60,29 +60,50 @@ OrderedJson answer_json(const T& value) {
     return OrderedJson(value);
 }
 
+// Description of an object in an answer, independent of what it is written from.
+class AnswerTable {
+ public:
+  explicit AnswerTable(const char* description) : description_(description) {}
+
+  // Adds a member to the schema only: other code writes its value.
+  void describe(const char* name, OrderedJson schema) { rows_.push_back({name, std::move(schema), {}, {}}); }
+  // Returns the schema, in which members that are always written are required.
+  OrderedJson schema() const;
+
+ protected:
+  struct Row {
+    const char* name;
+    OrderedJson schema;
+    std::function<OrderedJson(const void* source)> value;  // null: written by other code
+    std::function<bool(const void* source)> is_written;    // null: always
+  };
+  OrderedJson write_rows(const void* source) const;
+  std::vector<Row> rows_;
+
+ private:
+  const char* description_;
+};
+
 // Table of an object in an answer, which is written from a Source.
 template <typename Source>
-class Answer {
+class Answer : public AnswerTable {
  public:
-  using Condition = std::function<bool(const Source&)>;
-
-  explicit Answer(const char* description) : description_(description) {}
+  using AnswerTable::AnswerTable;
 
   // Adds a member, which is written if `is_written` returns true, or always if there is no such function.
   template <typename Value>
-  void add(const char* name, OrderedJson schema, Value value, Condition is_written = {}) {
-    rows_.push_back(
-        {name, std::move(schema), [value](const Source& s) { return answer_json(value(s)); }, std::move(is_written)});
+  void add(const char* name, OrderedJson schema, Value value, bool (*is_written)(const Source&) = nullptr) {
+    Row row{name, std::move(schema), {}, {}};
+    if constexpr (requires { +value; })
+      row.value = writer_of(+value);
+    else
+      row.value = [value](const void* s) { return answer_json(value(*static_cast<const Source*>(s))); };
+    if (is_written)
+      row.is_written = [is_written](const void* s) { return is_written(*static_cast<const Source*>(s)); };
+    rows_.push_back(std::move(row));
   }
-  // Adds a member to the schema only: other code writes its value.
-  void describe(const char* name, OrderedJson schema) { rows_.push_back({name, std::move(schema), {}, {}}); }
 
-  OrderedJson write(const Source& source) const {
-    OrderedJson json = OrderedJson::object();
-    for (const Row& row : rows_)
-      if (row.value && (!row.is_written || row.is_written(source))) json[row.name] = row.value(source);
-    return json;
-  }
+  OrderedJson write(const Source& source) const { return write_rows(&source); }
   template <typename Sources>
   OrderedJson write_all(const Sources& sources) const {
     OrderedJson json = OrderedJson::array();
@@ -90,26 +111,12 @@ class Answer {
     return json;
   }
 
-  // Returns the schema, in which members that are always written are required.
-  OrderedJson schema() const {
-    OrderedJson json = schema::object(description_, OrderedJson::object(), {});
-    for (const Row& row : rows_) {
-      json["properties"][row.name] = row.schema;
-      if (row.value && !row.is_written) json["required"].push_back(row.name);
-    }
-    return json;
-  }
-
  private:
-  struct Row {
-    const char* name;
-    OrderedJson schema;
-    std::function<OrderedJson(const Source&)> value;  // null: written by other code
-    Condition is_written;                             // null: always
-  };
-
-  const char* description_;
-  std::vector<Row> rows_;
+  // A function for each type of value, not for each row.
+  template <typename T>
+  static std::function<OrderedJson(const void*)> writer_of(T (*value)(const Source&)) {
+    return [value](const void* s) { return answer_json(value(*static_cast<const Source*>(s))); };
+  }
 };
 
 // Returns a table whose rows fill(answer) has added.

@@ -31,18 +31,6 @@ bool is_stated(const OrderedJson& fallback) {
   return !fallback.is_null() && !(fallback.is_structured() && fallback.empty());
 }
 
-// Returns the row's entry in the schema's "properties".
-OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
-  OrderedJson json = row.values->schema(limits);
-  std::string description = with_unit(row);
-  if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
-  json["description"] = description;
-  if (!row.unit.empty()) json["x-unit"] = row.unit;  // machine-readable; the description names the unit, too
-  if (!row.required)
-    if (const OrderedJson fallback = row.values->fallback(limits); is_stated(fallback)) json["default"] = fallback;
-  return json;
-}
-
 // --- texts of requests.md, from the schemas
 
 // Returns "≥ 0, < 1" for the bounds of a number.
@@ -101,13 +89,6 @@ std::string type_text(const OrderedJson& schema) {
     return "object of any names: " + type_text(schema["additionalProperties"]);
   const std::string bounds = bounds_text(schema);
   return bounds.empty() ? type : type + " " + bounds;
-}
-
-// Returns the row's default for requests.md: "required", the value, or nothing for a default not worth stating.
-std::string default_text(const MemberRow& row, const Limits& limits) {
-  if (row.required) return "required";
-  const OrderedJson fallback = row.values->fallback(limits);
-  return is_stated(fallback) ? quoted_code(fallback) : "";
 }
 
 // Returns a text as a cell of a Markdown table: on one line, with | escaped.
@@ -207,8 +188,49 @@ void MemberTable::add_row(MemberRow row) {
 void MemberTable::set_model(std::string_view name) {
   const MemberRow& row = *std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
   model_ = name;
-  row.values->schema(Limits{})["enum"].get_to(model_words_);
-  if (!row.required) row.values->fallback(Limits{}).get_to(default_model_);
+  row.kind->schema(Limits{})["enum"].get_to(model_words_);
+  if (!row.required) fallback(row, Limits{}).get_to(default_model_);
+}
+
+OrderedJson MemberTable::fallback(const MemberRow& row, const Limits& limits) const {
+  if (!row.objects.empty()) return {};
+  if (std::optional<OrderedJson> own = row.kind->own_fallback()) return *own;
+  return default_of(row, limits);
+}
+
+// Returns the row's entry in the schema's "properties".
+OrderedJson MemberTable::row_schema(const MemberRow& row, const Limits& limits) const {
+  OrderedJson json = row.kind->schema(limits);
+  std::string description = with_unit(row);
+  if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
+  json["description"] = description;
+  if (!row.unit.empty()) json["x-unit"] = row.unit;  // machine-readable; the description names the unit, too
+  if (!row.required)
+    if (const OrderedJson value = fallback(row, limits); is_stated(value)) json["default"] = value;
+  return json;
+}
+
+// Returns the row's default for requests.md: "required", the value, or nothing for a default not worth stating.
+std::string MemberTable::default_text(const MemberRow& row, const Limits& limits) const {
+  if (row.required) return "required";
+  const OrderedJson value = fallback(row, limits);
+  return is_stated(value) ? quoted_code(value) : "";
+}
+
+void MemberTable::read_rows(const JsonReader& in, void* form, const ReadContext& context) const {
+  check_rules(in);
+  for (const MemberRow& row : rows_)
+    if (in.has(row.name)) row.field->read(*row.kind, in.at(row.name), context, form);
+}
+
+OrderedJson MemberTable::write_rows(const void* form) const {
+  OrderedJson json = OrderedJson::object();
+  for (const MemberRow& row : rows_) {
+    if (!belongs(row, json) || (row.is_written && !row.is_written(form))) continue;
+    OrderedJson member = row.field->write(*row.kind, form);
+    if (!member.is_null()) json[std::string(row.name)] = std::move(member);
+  }
+  return json;
 }
 
 bool MemberTable::check_names(const JsonReader& in) const {
@@ -297,7 +319,7 @@ std::string MemberTable::markdown(const Limits& limits) const {
   out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
   for (const MemberRow& row : rows_) {
     const std::string models = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
-    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.values->schema(limits))),
+    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.kind->schema(limits))),
                        row.unit, cell(default_text(row, limits)), cell(row.text + models));
   }
   return out;

@@ -23,6 +23,7 @@
 #include "api/assets/assets.h"
 #include "api/json/json_reader.h"
 #include "api/message/limits.h"
+#include "api/schema/fields.h"
 
 namespace selenograph::api {
 
@@ -43,25 +44,27 @@ struct ReadContext {
 
 class MemberTable;
 
-// The values of a member, whatever their C++ type.
-class MemberValues {
+// The kind of a row's values.
+class RowKind : public AnyKind {
  public:
-  virtual ~MemberValues() = default;
-  virtual OrderedJson schema(const Limits& limits) const = 0;    // without description and default
-  virtual OrderedJson fallback(const Limits& limits) const = 0;  // the default; null: none
+  virtual OrderedJson schema(const Limits& limits) const = 0;  // without description and default
+  // Returns the default in the schema if it is not that of the form; null: none.
+  virtual std::optional<OrderedJson> own_fallback() const = 0;
 };
 
-// Description of a member: its row without the access to a C++ object.
+// A member: data from which reader, resolved request, schema and document follow.
 struct MemberRow {
   std::string_view name;
   std::string_view unit;  // empty: none
   std::string text;       // what the member means: one line of Markdown
+  std::unique_ptr<const Field> field;
+  std::unique_ptr<const RowKind> kind;
+  std::vector<const MemberTable*> objects{};  // tables of the objects in its values
   bool required = false;
   // Words of the table's model (MemberTable::set_model) that have this member; empty: all. With other words the member
   // is a fault.
   std::vector<std::string_view> models{};
-  const MemberValues* values = nullptr;       // in the table; never null in a row
-  std::vector<const MemberTable*> objects{};  // tables of the objects in its values
+  std::function<bool(const void* form)> is_written{};  // in the resolved request; null: always
 
   // Returns true if objects with this word as their model have the member.
   bool is_of(std::string_view model) const;
@@ -71,6 +74,7 @@ struct MemberRow {
 class MemberTable {
  public:
   MemberTable(std::string_view name, std::string description) : name_(name), description_(std::move(description)) {}
+  virtual ~MemberTable() = default;
   MemberTable(const MemberTable&) = delete;
   MemberTable& operator=(const MemberTable&) = delete;
 
@@ -105,12 +109,13 @@ class MemberTable {
   // Reports a value that is not an object (then returns false), unknown members, missing ones, and those of other
   // models.
   bool check_names(const JsonReader& in) const;
-  // Reports violations of the rules across members.
-  void check_rules(const JsonReader& in) const;
-  // Returns true if the model has this member. `written` is the object as far as it is written: the row of the model
-  // precedes the rows that depend on it.
-  bool belongs(const MemberRow& row, const OrderedJson& written) const;
+  // Reads the members into the form. Reports faults, and violations of the rules across members.
+  void read_rows(const JsonReader& in, void* form, const ReadContext& context) const;
+  // Writes the members that the form's model has and that have a value.
+  OrderedJson write_rows(const void* form) const;
   void add_row(MemberRow row);
+  // Returns what a form with all defaults has for a row.
+  virtual OrderedJson default_of(const MemberRow& row, const Limits& limits) const = 0;
 
   std::vector<MemberRow> rows_;
 
@@ -133,6 +138,15 @@ class MemberTable {
     // Returns true if the object keeps the rule; reports a violation.
     bool check(const JsonReader& in) const;
   };
+  // Reports violations of the rules across members.
+  void check_rules(const JsonReader& in) const;
+  // Returns true if the model has this member. `written` is the object as far as it is written: the row of the model
+  // precedes the rows that depend on it.
+  bool belongs(const MemberRow& row, const OrderedJson& written) const;
+  // Returns the default for the schema. Objects have none: their members have defaults.
+  OrderedJson fallback(const MemberRow& row, const Limits& limits) const;
+  OrderedJson row_schema(const MemberRow& row, const Limits& limits) const;
+  std::string default_text(const MemberRow& row, const Limits& limits) const;
   // Reports members that the object's model lacks, and missing ones that it requires.
   void check_models(const JsonReader& in) const;
   // Returns one "if ... then" schema per word of the model.
@@ -151,37 +165,50 @@ class MemberTable {
 // Returns a Markdown link to the table's heading in requests.md.
 std::string link_to(const MemberTable& table);
 
-// Field that is not a member of the form: `get` returns its value, empty if there is nothing to write; `set` stores it.
-template <typename Get, typename Set>
-struct Property {
-  Get get;
-  Set set;
+// A row's kind of this type.
+template <typename Kind>
+class KindOf final : public RowKind {
+ public:
+  explicit KindOf(Kind kind) : kind_(std::move(kind)) {}
+  bool read(const JsonReader& in, const ReadContext& context, const Slot& to) const override {
+    std::optional<Value> value = kind_.read(in, context);
+    if (!value) return false;
+    if constexpr (kIsNumber)
+      store_in(to, static_cast<Number>(*value));
+    else if (to.optional)
+      *static_cast<std::optional<Value>*>(to.at) = std::move(value);
+    else
+      *static_cast<Value*>(to.at) = std::move(*value);
+    return true;
+  }
+  OrderedJson write(const Slot& from) const override {
+    if constexpr (kIsNumber) {
+      const std::optional<Number> number = load(from, Number{});
+      return number ? kind_.write(static_cast<Value>(*number)) : OrderedJson();
+    } else if (from.optional) {
+      const auto& value = *static_cast<const std::optional<Value>*>(from.at);
+      return value ? kind_.write(*value) : OrderedJson();
+    } else {
+      return kind_.write(*static_cast<const Value*>(from.at));
+    }
+  }
+  OrderedJson schema(const Limits& limits) const override { return kind_.schema(limits); }
+  std::optional<OrderedJson> own_fallback() const override {
+    if constexpr (requires { kind_.fallback(); }) return kind_.fallback();
+    return std::nullopt;
+  }
+
+ private:
+  using Value = typename Kind::Value;
+  static constexpr bool kIsNumber = std::is_arithmetic_v<Value>;
+  using Number = std::conditional_t<std::is_floating_point_v<Value>, double,
+                                    std::conditional_t<std::is_same_v<Value, bool>, bool, std::int64_t>>;
+  static std::optional<bool> load(const Slot& from, bool) { return flag_in(from); }
+  static std::optional<double> load(const Slot& from, double) { return number_in(from); }
+  static std::optional<std::int64_t> load(const Slot& from, std::int64_t) { return integer_in(from); }
+
+  Kind kind_;
 };
-template <typename Get, typename Set>
-Property(Get, Set) -> Property<Get, Set>;
-
-// Returns the field `inner` of the form's member `outer`.
-template <typename Outer, typename Inner>
-auto nested(Outer outer, Inner inner) {
-  return [=](auto& form) -> auto& { return std::invoke(inner, std::invoke(outer, form)); };
-}
-
-// Returns a field that stores and writes nothing: other code reads the member, or it is only documented.
-template <typename Form, typename Value>
-auto no_field() {
-  return Property{[](const Form&) { return std::optional<Value>(); }, [](Form&, const Value&) {}};
-}
-
-namespace detail {
-template <typename T>
-inline constexpr bool is_optional = false;
-template <typename T>
-inline constexpr bool is_optional<std::optional<T>> = true;
-template <typename T>
-inline constexpr bool is_property = false;
-template <typename Get, typename Set>
-inline constexpr bool is_property<Property<Get, Set>> = true;
-}  // namespace detail
 
 // Table of an object that is read into a Form and then, if it is valid, resolved into a Value.
 template <typename Form, typename Value = Form>
@@ -193,7 +220,7 @@ class Members : public MemberTable {
   // The row that add() has just added, for further properties. It is valid until the next add().
   class AddedRow {
    public:
-    AddedRow(MemberRow& row, std::function<bool(const Form&)>& written_if) : row_(row), written_if_(written_if) {}
+    explicit AddedRow(MemberRow& row) : row_(row) {}
     AddedRow& required() {
       row_.required = true;
       return *this;
@@ -204,49 +231,42 @@ class Members : public MemberTable {
       return *this;
     }
     // Writes the member into the resolved request only if the condition holds.
-    AddedRow& written_if(std::function<bool(const Form&)> condition) {
-      written_if_ = std::move(condition);
+    AddedRow& written_if(bool (*condition)(const Form&)) {
+      row_.is_written = [condition](const void* form) { return condition(*static_cast<const Form*>(form)); };
       return *this;
     }
 
    private:
     MemberRow& row_;
-    std::function<bool(const Form&)>& written_if_;
   };
 
-  // Adds a member. `field` is a pointer to a member of Form, a function that returns a reference to one, or a Property.
-  // A std::optional of the kind's value may stay empty; any other field has the value in a new Form as its default.
-  // `kind` is one of member_kinds.h, or has the same interface.
-  template <typename Field, typename Kind>
-  AddedRow add(std::string_view name, Field field, Kind kind, std::string text) {
-    MemberRow row{name, {}, std::move(text)};
+  // Adds a member. `field`: see field_of(). A std::optional of the kind's value may stay empty; any other field has the
+  // value in a new Form as its default. `kind` is one of member_kinds.h, or has the same interface.
+  template <typename F, typename Kind>
+  AddedRow add(std::string_view name, F field, Kind kind, std::string text) {
+    MemberRow row{name, {}, std::move(text), field_of<typename Kind::Value>(std::move(field), any_form()), {}};
     if constexpr (requires { kind.unit; }) row.unit = kind.unit;
     if constexpr (requires { kind.objects(); }) row.objects = kind.objects();
-    access_.push_back(std::make_unique<FieldAccess<Field, Kind>>(*this, field, std::move(kind)));
-    row.values = access_.back().get();
+    row.kind = std::make_unique<const KindOf<Kind>>(std::move(kind));
     add_row(std::move(row));
-    return {rows_.back(), access_.back()->written_if};
+    return AddedRow(rows_.back());
   }
 
   // Sets defaults that depend on the service's limits.
-  void set_initial(std::function<Form(const Limits&)> initial) { initial_ = std::move(initial); }
+  void set_initial(Form (*with_defaults)(const Limits&)) { initial_ = with_defaults; }
   // Sets the check that runs after an object was read, even if it has faults: faulty members then have their defaults.
-  void check(std::function<void(const JsonReader&, Form&, const ReadContext&)> check) { check_ = std::move(check); }
+  void check(void (*checks)(const JsonReader&, Form&, const ReadContext&)) { check_ = checks; }
   // Sets the conversion of a form without faults to a value. It returns empty, and reports, if there is no such value.
-  void resolve(std::function<std::optional<Value>(const JsonReader&, Form&, const ReadContext&)> resolve) {
-    resolve_ = std::move(resolve);
-  }
+  void resolve(std::optional<Value> (*to_value)(const JsonReader&, const Form&, const ReadContext&)) { resolve_ = to_value; }
   // Sets the conversion of a value to the form in which it is written.
-  void unresolve(std::function<Form(const Value&)> form_of) { form_of_ = std::move(form_of); }
+  void unresolve(Form (*form_of)(const Value&)) { form_of_ = form_of; }
 
   // Reads an object; returns empty if it has faults, which are reported.
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     const std::size_t before = in.faults();
     if (!check_names(in)) return std::nullopt;
     Form form = initial(context.limits);
-    check_rules(in);
-    for (std::size_t i = 0; i < rows_.size(); ++i)
-      if (in.has(rows_[i].name)) access_[i]->read(in.at(rows_[i].name), form, context);
+    read_rows(in, &form, context);
     if (check_) check_(in, form, context);
     if (in.faults() != before) return std::nullopt;
     if (resolve_) return resolve_(in, form, context);
@@ -274,101 +294,28 @@ class Members : public MemberTable {
   // Writes the resolved members, which give this value when read, in the order of the table.
   OrderedJson write(const Value& value) const {
     if constexpr (std::is_same_v<Form, Value>) {
-      if (!form_of_) return write_form(value);
+      if (!form_of_) return write_rows(&value);
     }
-    return write_form(form_of_(value));
+    const Form form = form_of_(value);
+    return write_rows(&form);
   }
 
  private:
-  // A row's access to a form.
-  struct Access : MemberValues {
-    virtual void read(const JsonReader& in, Form& form, const ReadContext& context) const = 0;
-    virtual OrderedJson write(const Form& form) const = 0;  // returns null if there is nothing to write
-    std::function<bool(const Form&)> written_if{};          // null: always
-  };
-  template <typename Field, typename Kind>
-  struct FieldAccess final : Access {
-    FieldAccess(const Members& of, Field of_form, Kind of_value)
-        : table(of), field(std::move(of_form)), kind(std::move(of_value)) {}
-    OrderedJson schema(const Limits& limits) const override { return kind.schema(limits); }
-    OrderedJson fallback(const Limits& limits) const override {
-      return Members::fallback(field, kind, table.initial(limits));
-    }
-    void read(const JsonReader& in, Form& form, const ReadContext& context) const override {
-      if (auto value = kind.read(in, context)) assign(field, form, std::move(*value));
-    }
-    OrderedJson write(const Form& form) const override { return written(field, kind, form); }
-
-    const Members& table;
-    Field field;
-    Kind kind;
-  };
-
   // Returns a form in which every field has its default.
   Form initial(const Limits& limits) const { return initial_ ? initial_(limits) : Form{}; }
-
-  // Writes the members that the form's model has and that have a value.
-  OrderedJson write_form(const Form& form) const {
-    OrderedJson json = OrderedJson::object();
-    for (std::size_t i = 0; i < rows_.size(); ++i) {
-      if (!belongs(rows_[i], json) || (access_[i]->written_if && !access_[i]->written_if(form))) continue;
-      OrderedJson member = access_[i]->write(form);
-      if (!member.is_null()) json[std::string(rows_[i].name)] = std::move(member);
-    }
-    return json;
+  OrderedJson default_of(const MemberRow& row, const Limits& limits) const override {
+    const Form form = initial(limits);
+    return row.field->write(*row.kind, &form);
+  }
+  static Form& any_form() {
+    static Form form{};
+    return form;
   }
 
-  // Stores a value in the form; numbers are converted to the field's type.
-  template <typename Field, typename NewValue>
-  static void assign(const Field& field, Form& form, NewValue&& value) {
-    if constexpr (detail::is_property<Field>) {
-      field.set(form, std::forward<NewValue>(value));
-    } else {
-      auto& target = std::invoke(field, form);
-      using Target = std::remove_reference_t<decltype(target)>;
-      if constexpr (std::is_arithmetic_v<Target>) {
-        target = static_cast<Target>(value);
-      } else {
-        target = std::forward<NewValue>(value);
-      }
-    }
-  }
-
-  // Returns the field's value as JSON; null if it is an empty std::optional.
-  template <typename Field, typename Kind>
-  static OrderedJson written(const Field& field, const Kind& kind, const Form& form) {
-    if constexpr (detail::is_property<Field>) {
-      const auto value = field.get(form);
-      return value ? kind.write(*value) : OrderedJson();
-    } else {
-      const auto& member = std::invoke(field, form);
-      using Member = std::remove_cvref_t<decltype(member)>;
-      // A std::optional may stand for a missing member, or be the kind's own value, as that of NumberOr.
-      if constexpr (detail::is_optional<Member> && !std::is_same_v<Member, typename Kind::Value>) {
-        return member ? kind.write(*member) : OrderedJson();
-      } else {
-        return kind.write(member);
-      }
-    }
-  }
-
-  // Returns the default for the schema. Objects have none: their members have defaults.
-  template <typename Field, typename Kind>
-  static OrderedJson fallback(const Field& field, const Kind& kind, const Form& form) {
-    if constexpr (requires { kind.objects(); }) {
-      return {};
-    } else if constexpr (requires { kind.fallback(); }) {
-      return kind.fallback();
-    } else {
-      return written(field, kind, form);
-    }
-  }
-
-  std::vector<std::unique_ptr<Access>> access_;
-  std::function<Form(const Limits&)> initial_;
-  std::function<void(const JsonReader&, Form&, const ReadContext&)> check_;
-  std::function<std::optional<Value>(const JsonReader&, Form&, const ReadContext&)> resolve_;
-  std::function<Form(const Value&)> form_of_;
+  Form (*initial_)(const Limits&) = nullptr;
+  void (*check_)(const JsonReader&, Form&, const ReadContext&) = nullptr;
+  std::optional<Value> (*resolve_)(const JsonReader&, const Form&, const ReadContext&) = nullptr;
+  Form (*form_of_)(const Value&) = nullptr;
 };
 
 // Returns a table whose rows fill(members) has added. The table never moves, since its rows point to it.

@@ -65,7 +65,7 @@ const Members<LidarPulse>& lidar_pulse_members() {
   static const auto table = make_table<Members<LidarPulse>>("LidarPulse", "A pulse.", [](auto& m) {
     m.add("direction", &LidarPulse::direction, Vector{kAnyNumber}, "camera axes; any length but zero").required();
     m.add("time_s", &LidarPulse::time_s, Number{{-1e6, 1e6}, "s"}, "time relative to `pose`");
-    m.resolve([](const JsonReader& in, LidarPulse& pulse, const ReadContext&) -> std::optional<LidarPulse> {
+    m.resolve([](const JsonReader& in, const LidarPulse& pulse, const ReadContext&) -> std::optional<LidarPulse> {
       if (const auto direction = direction_of(pulse.direction)) return LidarPulse{pulse.time_s, *direction};
       in.fail("direction", "is not a direction: three numbers are required, not all zero");
       return std::nullopt;

@@ -41,7 +41,7 @@ void add_motion(Members<Form>& m, const char* velocity, const char* poses) {
   m.add("velocity_m_s", nested(&Form::rates, &engine::Rates::velocity_m_s), kVelocity_m_s, velocity)
       .written_if(is_at_rates);
   m.add("poses", &Form::poses, List{TimedPose{{pose_at_time_members()}}, 2, kMaxPoses}, poses)
-      .written_if(std::not_fn(is_at_rates));
+      .written_if([](const Form& form) { return !form.poses.empty(); });
   m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
   m.check([](const JsonReader& in, Form& form, const ReadContext&) { check_times(in, form.poses); });
 }
