@@ -23,7 +23,7 @@ void add_footprint(auto& a) {
       object("of the posts, degrees",
              {{"south_deg", number(kLatitude_deg, "")},
               {"north_deg", number(kLatitude_deg, "")},
-              {"west_deg", number({-180, 180, false, true}, "")},
+              {"west_deg", number(from(-180).below(180), "")},
               {"east_deg", number({-180, 540}, "west_deg < east_deg <= west_deg + 360")}},
              {"south_deg", "north_deg", "west_deg", "east_deg"}),
       [](const DatasetSource& s) {

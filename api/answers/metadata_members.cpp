@@ -264,7 +264,7 @@ void add_content(Answer<MetadataSource>& a) {
   a.add(
       "rocks",
       object("of a detail that has rocks",
-             {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},
+             {{"number", number(above(0).to(1e9), "in view, or whose shadow may be")},
               {"least_px", number(kAnyNumber,
                                   "minimum diameter shown, in pixels: 2 max_error_px, at least 0.5, or more where they "
                                   "would be too many; not in lod_error_m")},

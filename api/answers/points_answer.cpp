@@ -206,7 +206,7 @@ const Answer<HeightSource>& height_answer() {
   static const auto answer = make_answer<S>("Terrain at a point, on the finest surface.", [](auto& a) {
     const auto has_height = [](const S& s) { return s.has_height(); };
     a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
-    a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),
+    a.add("lon_deg", number(from(-180).below(180), "as asked, in [-180, 180)"),
           [](const S& s) { return wrap_lon_deg(s.height.lon_deg); });
     a.add("height_m", number_or_null("above the sphere of 1 737 400 m; null without data"),
           [](const S& s) { return s.has_height() ? std::optional(s.height.height_m) : std::nullopt; });

@@ -197,9 +197,9 @@ std::optional<dem::RadianceFactor> read_quantity(const JsonReader& in) {
   }
   const std::pair<std::string_view, std::monostate> words[] = {{"radiance_factor", {}}};
   if (!in.at("quantity").word(Words<std::monostate>(words))) return std::nullopt;
-  constexpr Range kSlant{0, 90, false, true};
+  constexpr Range kSlant = from(0).below(90);
   const dem::RadianceFactor geometry{in.number("incidence_deg", kSlant), in.number("emission_deg", kSlant),
-                                     in.number("phase_deg", Range{0, 180, false, true}),
+                                     in.number("phase_deg", from(0).below(180)),
                                      in.number("wavelength_um", Range{0.1, 1000})};
   if (!in.good()) return std::nullopt;
   // The directions to the Sun, to the viewer and along the normal span a spherical triangle, whose sides are the three
@@ -249,8 +249,7 @@ dem::SizeFrequency read_frequency(const JsonReader& in) {
   dem::SizeFrequency frequency;
   in.elements(1, kMaxLaws, [&](const JsonReader& law) {
     if (law.object({"per_m2", "exponent"}))
-      frequency.laws.push_back(
-          {law.number("per_m2", Range{0, 10, true, false}), law.number("exponent", Range{0.5, 8})});
+      frequency.laws.push_back({law.number("per_m2", above(0).to(10)), law.number("exponent", Range{0.5, 8})});
   });
   return frequency;
 }
@@ -269,7 +268,7 @@ void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
   craters.smallest_m = in.number("smallest_m", kFeature_m);
   craters.largest_m = in.number("largest_m", kFeature_m);
   if (in.has("frequency")) craters.frequency = read_frequency(in.at("frequency"));
-  craters.oldest_Ma = in.number("oldest_Ma", Range{0, 4500, true, false}, craters.oldest_Ma);
+  craters.oldest_Ma = in.number("oldest_Ma", above(0).to(4500), craters.oldest_Ma);
   if (!in.good()) return;
   if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Limit the density to ten times equilibrium: no surface on the Moon is denser, and rendering time grows with it.
@@ -288,7 +287,7 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   rocks.largest_m = in.number("largest_m", kRock_m);
   rocks.frequency = in.has("frequency") ? read_frequency(in.at("frequency")) : dem::rocks_of_viper();
   rocks.on_ejecta = in.number("on_ejecta", Range{1, 100}, rocks.on_ejecta);
-  rocks.half_life_Ma = in.number("half_life_Ma", Range{0, 4500, true, false}, rocks.half_life_Ma);
+  rocks.half_life_Ma = in.number("half_life_Ma", above(0).to(4500), rocks.half_life_Ma);
   rocks.smallest_crater_m = in.number("smallest_crater_m", kFeature_m, rocks.smallest_crater_m);
   if (in.has("smallest_fragment_m")) rocks.smallest_fragment_m = in.number("smallest_fragment_m", kFeature_m);
   if (!in.good()) return;
@@ -330,14 +329,14 @@ dem::Region read_region(const JsonReader& in) {
 void read_fine_relief(const JsonReader& in, dem::ReliefLaw::Fine& fine) {
   if (!in.object({"below_m", "hurst", "slope"})) return;
   fine.below_m = in.number("below_m", kFeature_m);
-  fine.hurst = in.number("hurst", Range{0.1, 1, false, true}, fine.hurst);
-  fine.slope = in.number("slope", Range{0, 1, true, false});
+  fine.hurst = in.number("hurst", from(0.1).below(1), fine.hurst);
+  fine.slope = in.number("slope", above(0).to(1));
 }
 
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
   if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m", "fine", "min_factor"})) return;
-  relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
-  relief.deviation_m = in.number("deviation_m", Range{0, 1000, true, false});
+  relief.hurst = in.number("hurst", from(0.1).below(1), relief.hurst);
+  relief.deviation_m = in.number("deviation_m", above(0).to(1000));
   relief.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
   relief.shortest_m = in.number("shortest_m", kFeature_m);
   relief.longest_m = in.number("longest_m", kFeature_m);
@@ -348,7 +347,7 @@ void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
 
 void read_clods(const JsonReader& in, dem::ClodLaw& clods) {
   if (!in.object({"cover", "smallest_m", "largest_m"})) return;
-  clods.cover = in.number("cover", Range{0, 0.3, true, false});
+  clods.cover = in.number("cover", above(0).to(0.3));
   constexpr Range kClod_m{kFeature_m.min, 1};
   clods.smallest_m = in.number("smallest_m", kClod_m);
   clods.largest_m = in.number("largest_m", kClod_m);
@@ -358,9 +357,9 @@ void read_clods(const JsonReader& in, dem::ClodLaw& clods) {
 dem::PublishedSlopes read_published(const JsonReader& in) {
   dem::PublishedSlopes slopes;
   if (!in.object({"median_slope_deg", "baseline_m", "hurst", "source"})) return slopes;
-  slopes.median_slope_deg = in.number("median_slope_deg", Range{0, 45, true, false});
+  slopes.median_slope_deg = in.number("median_slope_deg", above(0).to(45));
   slopes.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
-  slopes.hurst = in.number("hurst", Range{0.1, 1, false, true});
+  slopes.hurst = in.number("hurst", from(0.1).below(1));
   in.at("source").text();
   return slopes;
 }

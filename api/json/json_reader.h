@@ -28,13 +28,19 @@ inline constexpr int kMaxJsonDepth = 16;  // nesting of a request
 // range of double.
 Json parse_json(std::string_view text, int max_depth = kMaxJsonDepth);
 
-// An interval of numbers, closed by default. The API document prints the same objects.
+// An interval of numbers: {0, 1}, closed, or with an open end above(0).to(1), from(0).below(1), above(0).below(1). The
+// API document prints the same objects.
 struct Range {
   double min = std::numeric_limits<double>::lowest();
   double max = std::numeric_limits<double>::max();
   bool min_open = false, max_open = false;
+  constexpr Range to(double end) const { return {min, end, min_open, false}; }
+  constexpr Range below(double end) const { return {min, end, min_open, true}; }
   bool contains(double x) const { return (min_open ? x > min : x >= min) && (max_open ? x < max : x <= max); }
 };
+
+constexpr Range from(double start) { return Range{start}; }
+constexpr Range above(double start) { return {start, std::numeric_limits<double>::max(), true, false}; }
 
 // Words of other tools that are rejected here, each with the text that tells the client what to write instead.
 using WordHints = std::span<const std::pair<std::string_view, std::string_view>>;

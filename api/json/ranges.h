@@ -18,8 +18,8 @@ inline constexpr Range kElevation_deg{-90, 90};
 inline constexpr Range kHeight_m{-50e3, 1e12};
 inline constexpr Range kCoordinate_m{-1e12, 1e12};
 
-inline constexpr Range kFieldOfView_deg{0, 180, true, true};
-inline constexpr Range kFisheyeFieldOfView_deg{0, 358, true, false};  // up to engine::Fisheye::kWidest
+inline constexpr Range kFieldOfView_deg = above(0).below(180);
+inline constexpr Range kFisheyeFieldOfView_deg = above(0).to(358);  // up to engine::Fisheye::kWidest
 // A pixel may cover anything from nearly a half-space to a nanoradian. Focal lengths from a field of view must be in
 // this range, too.
 inline constexpr Range kFocalLength_px{1e-6, 1e9};
@@ -29,7 +29,7 @@ inline constexpr Range kDistortion{-1e6, 1e6};
 inline constexpr Range kDistance_au{0.01, 100};
 inline constexpr Range kAngularRadius_deg{0, 5};
 inline constexpr Range kUnitInterval{0, 1};
-inline constexpr Range kWavelength_um{0, 1e4, true, false};
+inline constexpr Range kWavelength_um = above(0).to(1e4);
 inline constexpr Range kTemperature_k{0, 1e4};
 inline constexpr Range kFNumber{0.1, 1000};
 inline constexpr Range kMaxError_px{0, 100};

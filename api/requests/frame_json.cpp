@@ -48,7 +48,7 @@ const Members<AccuracyForm>& accuracy_members() {
           "into memory: `shadow_limit_px` is the value used, `shadow_error_px` bounds the displacement");
     m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"},
           max_detail_error_meaning());
-    m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
+    m.add("budget_ms", &AccuracyForm::budget_ms, Number{above(0).to(3.6e6), "ms"},
           "replaces the other members: the most accurate setting predicted to take no longer, with terrain in memory. "
           "The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; an "
           "explicit request of that setting gives the same bytes");
@@ -69,7 +69,7 @@ const Members<engine::ImageSettings>& image_members() {
       "ImageSettings", "Conversion of radiance to digital numbers in the product `image`.", [](auto& m) {
         m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "bits of the digital numbers");
         m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
-              NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
+              NumberOr{above(0).to(1e12), "auto", "W m-2 sr-1"},
               "radiance of the largest digital number; auto: that which all but the brightest thousandth of the lit "
               "pixels have at most");
       });

@@ -68,7 +68,7 @@ const Members<MapBounds>& bounds_members() {
 
 namespace {
 
-constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
+constexpr Range kMapSide_m = above(0).to(2e7), kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
 constexpr int kMaxSide_px = 65500;  // the longest side of a PNG that common libraries read
 
 const Members<MapWindow>& window_members() {
@@ -284,7 +284,7 @@ const Members<engine::LanderFootprint>& footprint_members() {
               "disc; square, along the meridian; legs: the disc, but the plane of `slope` is fitted only to the ground "
               "at the legs' ends, each the nearest pixel");
         m.set_model("shape");
-        m.add("diameter_m", &LanderFootprint::diameter_m, Number{{0, 1e6, true, false}, "m"},
+        m.add("diameter_m", &LanderFootprint::diameter_m, Number{above(0).to(1e6), "m"},
               "diameter of the disc or of the circle through the legs' ends; side of the square. 3 to 256 pixels of "
               "`gsd_m`; a warning counts the pixels without a plane where the map is stretched")
             .required();

@@ -110,12 +110,12 @@ const Members<MertisQuery>& mertis_members() {
               "upper end of the last channel");
         m.add("channels", spectrometer(&Spectrometer::channels), Integer{1, kMaxChannels},
               "number of channels of equal width");
-        m.add("pixel_pitch_um", spectrometer(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
+        m.add("pixel_pitch_um", spectrometer(&Spectrometer::pixel_pitch_um), Number{above(0).to(1e4), "um"}, "p");
         m.add("f_number", spectrometer(&Spectrometer::f_number), Number{kFNumber}, "f_#");
         m.add("efficiency", spectrometer(&Spectrometer::efficiency), SpectrometerEfficiency{},
               "eta of optics and grating: a constant, or [um, eta] at increasing wavelengths");
         m.add("noise_equivalent_power_w", spectrometer(&Spectrometer::noise_equivalent_power_w),
-              Number{{0, 1, true, false}, "W"}, "NEP of a pixel");
+              Number{above(0).to(1), "W"}, "NEP of a pixel");
         m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"},
               "temperatures of the blackbodies");
         m.check(check_mertis);

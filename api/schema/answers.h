@@ -98,8 +98,7 @@ class Answer : public AnswerTable {
       row.value = writer_of(+value);
     else
       row.value = [value](const void* s) { return answer_json(value(*static_cast<const Source*>(s))); };
-    if (is_written)
-      row.is_written = [is_written](const void* s) { return is_written(*static_cast<const Source*>(s)); };
+    if (is_written) row.is_written = [is_written](const void* s) { return is_written(*static_cast<const Source*>(s)); };
     rows_.push_back(std::move(row));
   }
 

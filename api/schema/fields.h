@@ -1,5 +1,5 @@
-// Fields of a form: where the value of a row is. Rows are data: what reads, writes and describes them is compiled once,
-// not for each row.
+// Fields of a form: the places of the values of rows. Rows are data: what reads, writes and describes them is compiled
+// once, not for each row.
 #pragma once
 
 #include <cstddef>
@@ -59,7 +59,7 @@ class AnyKind {
   virtual nlohmann::ordered_json write(const Slot& from) const = 0;
 };
 
-// Where a form has the value of a row.
+// The place of a value in a form.
 class Field {
  public:
   virtual ~Field() = default;

@@ -319,8 +319,8 @@ std::string MemberTable::markdown(const Limits& limits) const {
   out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
   for (const MemberRow& row : rows_) {
     const std::string models = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
-    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.kind->schema(limits))),
-                       row.unit, cell(default_text(row, limits)), cell(row.text + models));
+    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.kind->schema(limits))), row.unit,
+                       cell(default_text(row, limits)), cell(row.text + models));
   }
   return out;
 }

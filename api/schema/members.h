@@ -257,7 +257,9 @@ class Members : public MemberTable {
   // Sets the check that runs after an object was read, even if it has faults: faulty members then have their defaults.
   void check(void (*checks)(const JsonReader&, Form&, const ReadContext&)) { check_ = checks; }
   // Sets the conversion of a form without faults to a value. It returns empty, and reports, if there is no such value.
-  void resolve(std::optional<Value> (*to_value)(const JsonReader&, const Form&, const ReadContext&)) { resolve_ = to_value; }
+  void resolve(std::optional<Value> (*to_value)(const JsonReader&, const Form&, const ReadContext&)) {
+    resolve_ = to_value;
+  }
   // Sets the conversion of a value to the form in which it is written.
   void unresolve(Form (*form_of)(const Value&)) { form_of_ = form_of; }
 

@@ -83,7 +83,7 @@ TEST(JsonReader, LongNamesAreNotRepeated) {
 }
 
 TEST(JsonReader, ChecksTypesAndRanges) {
-  const auto number = [](const JsonReader& in) { in.number("a", {0, 180, true, true}); };
+  const auto number = [](const JsonReader& in) { in.number("a", above(0).below(180)); };
   EXPECT_EQ(findings_of(R"({"a": 179.999})", number), "");
   EXPECT_EQ(findings_of(R"({"a": 180})", number), "/a: must be greater than 0 and less than 180\n");
   EXPECT_EQ(findings_of(R"({"a": 0})", number), "/a: must be greater than 0 and less than 180\n");

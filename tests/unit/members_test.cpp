@@ -32,7 +32,7 @@ struct Lamp {
 
 const Members<Beam>& beam_members() {
   static const auto table = make_table<Members<Beam>>("Beam", "Where it shines.", [](auto& m) {
-    m.add("angle_deg", &Beam::angle_deg, Number{{0, 180, true, false}, "deg"}, "full angle");
+    m.add("angle_deg", &Beam::angle_deg, Number{above(0).to(180), "deg"}, "full angle");
   });
   return *table;
 }
@@ -69,7 +69,7 @@ Read read(const Members<Lamp>& members, const char* text) {
 TEST(Members, ARowIsReaderResolvedTextSchemaAndLineOfTheDocument) {
   const auto without = lamp_members([](auto&) {});
   const auto with = lamp_members([](auto& m) {
-    m.add("power_w", &Lamp::power_w, Number{{0, 100, true, false}, "W"}, "radiant flux");
+    m.add("power_w", &Lamp::power_w, Number{above(0).to(100), "W"}, "radiant flux");
   });
 
   EXPECT_EQ(read(*without, R"({"count": 1, "power_w": 7})").findings,

@@ -290,9 +290,9 @@ const Members<CameraForm, Camera>& camera_members() {
         m.add("fy", &CameraForm::fy, Number{kFocalLength_px, "px"}, "focal length; default: fx");
         m.add("cx", &CameraForm::cx, Number{kPrincipalPoint_px, "px"}, "principal point; default: (width-1)/2");
         m.add("cy", &CameraForm::cy, Number{kPrincipalPoint_px, "px"}, "principal point; default: (height-1)/2");
-        m.add("focal_length_mm", &CameraForm::focal_length_mm, Number{{0, 1e6, true, false}, "mm"},
+        m.add("focal_length_mm", &CameraForm::focal_length_mm, Number{above(0).to(1e6), "mm"},
               "fx = fy = 1000 focal_length_mm / pixel_pitch_um; principal point in the middle");
-        m.add("pixel_pitch_um", &CameraForm::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"},
+        m.add("pixel_pitch_um", &CameraForm::pixel_pitch_um, Number{above(0).to(1e4), "um"},
               "distance between the centres of neighbouring pixels; with a `sensor`, that of its detector");
         m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "lens distortion; left out: none");
         m.add("cahvor", &CameraForm::cahvor, Object{cahvor_members()}, "projection of a pinhole as CAHVOR's vectors");

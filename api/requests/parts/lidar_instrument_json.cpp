@@ -22,7 +22,7 @@ constexpr std::pair<std::string_view, LidarSignal> kSignals[] = {{"photon_counti
                                                                  {"snr", LidarSignal::snr}};
 constexpr std::int64_t kMaxBeamsAlongSide = 65536, kMaxRepeats = std::int64_t{1} << 24;
 constexpr std::size_t kMaxDirections = 4096;
-constexpr Range kPositive{0, 1e9, true, false};
+constexpr Range kPositive = above(0).to(1e9);
 
 const Members<LidarReceiver>& receiver_members() {
   static const auto table = make_table<Members<LidarReceiver>>(
@@ -35,13 +35,13 @@ const Members<LidarReceiver>& receiver_members() {
       [](auto& m) {
         m.add("signal", &LidarReceiver::signal, Word{kSignals}, "model of the received signal").required();
         m.set_model("signal");
-        m.add("energy_j", &LidarReceiver::energy_j, Number{{0, 1e3, true, false}, "J"}, "energy of a pulse")
+        m.add("energy_j", &LidarReceiver::energy_j, Number{above(0).to(1e3), "J"}, "energy of a pulse")
             .required()
             .only_for({"photon_counting"});
-        m.add("aperture_m", &LidarReceiver::aperture_m, Number{{0, 100, true, false}, "m"}, "the receiver's diameter")
+        m.add("aperture_m", &LidarReceiver::aperture_m, Number{above(0).to(100), "m"}, "the receiver's diameter")
             .required()
             .only_for({"photon_counting"});
-        m.add("efficiency", &LidarReceiver::efficiency, Number{{0, 1, true, false}},
+        m.add("efficiency", &LidarReceiver::efficiency, Number{above(0).to(1)},
               "photoelectrons per incident photon: optics, filter, detector")
             .only_for({"photon_counting"});
         m.add("snr", &LidarReceiver::snr, Number{kPositive},
@@ -90,11 +90,11 @@ const Members<LidarPattern>& lidar_pattern_members() {
         m.add("rows", &LidarPattern::rows, Integer{1, kMaxBeamsAlongSide}, "rows, the first at -y")
             .required()
             .only_for({"flash", "raster"});
-        m.add("fov_x_deg", &LidarPattern::fov_x_deg, Number{{0, 179, true, false}, "deg"},
+        m.add("fov_x_deg", &LidarPattern::fov_x_deg, Number{above(0).to(179), "deg"},
               "full angle of a row, from the outer border of its first cell to that of its last")
             .required()
             .only_for({"flash", "raster"});
-        m.add("fov_y_deg", &LidarPattern::fov_y_deg, Number{{0, 179, true, false}, "deg"}, "full angle over all rows")
+        m.add("fov_y_deg", &LidarPattern::fov_y_deg, Number{above(0).to(179), "deg"}, "full angle over all rows")
             .required()
             .only_for({"raster"});
         m.add("serpentine", &LidarPattern::serpentine, Flag{}, "alternate rows are scanned backwards")
@@ -136,7 +136,7 @@ const Members<LidarInstrument>& lidar_instrument_members() {
         m.add("sub_rays", &LidarInstrument::sub_rays, Choice{{1, 7, 19, 37, 61}},
               "of a beam. An edge divides a beam by whole sub-rays: the share of light on either side is off by up to "
               "0.5, 0.34, 0.23, 0.17 and 0.13 of the beam's");
-        m.add("pulse_length_ns", &LidarInstrument::pulse_length_ns, Number{{0, 1e6, true, false}, "ns"},
+        m.add("pulse_length_ns", &LidarInstrument::pulse_length_ns, Number{above(0).to(1e6), "ns"},
               "full width at half maximum of a Gaussian pulse")
             .required();
         m.add("wavelength_um", &LidarInstrument::wavelength_um, Number{{0.1, 100}, "um"},

@@ -28,7 +28,7 @@ using engine::SensorModel;
 using engine::StrayLight;
 using engine::Vignetting;
 
-constexpr Range kAboveZero{0, 1e9, true, false};
+constexpr Range kAboveZero = above(0).to(1e9);
 constexpr Range kNotNegative{0, 1e9};
 constexpr std::size_t kMaxKernelSide = 65;
 
@@ -108,7 +108,7 @@ struct Efficiency {
   OrderedJson schema(const Limits& limits) const {
     return {{"anyOf", {kConstant.schema(limits), kCurve.schema(limits)}}};
   }
-  static inline const auto kConstant = Number{{0, 1, true, false}};
+  static inline const auto kConstant = Number{above(0).to(1)};
   static inline const auto kCurve = List{Pair<engine::ResponsePoint>{kWavelength_um, kUnitInterval}, 2, 1000};
 };
 
@@ -229,12 +229,12 @@ const Members<Optics>& optics_members() {
 const Members<Detector>& detector_members() {
   static const auto table = make_table<
       Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
-    m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
+    m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{above(0).to(1e4), "um"}, "p of eq. (8)").required();
     m.add("quantum_efficiency", efficiency_field, Efficiency{},
           "eta of eq. (8), of optics and detector; or [wavelength in um, eta] at increasing wavelengths, linear in "
           "between, 0 outside")
         .required();
-    m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
+    m.add("integration_time_s", integration_time_field, Number{above(0).to(1e5), "s"},
           "t of eq. (8); left out where `exposure` chooses it");
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "capacity of a pixel; 0: unlimited");
     m.add(
@@ -300,13 +300,11 @@ const Members<engine::Exposure>& exposure_members() {
       "largest digital number, including smear, dark current and the offset, without noise and fixed pattern. The "
       "metadata has the time; there is a warning if smear alone exceeds the share, or a limit cuts the time.",
       [](auto& m) {
-        m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
+        m.add("target_fill", &engine::Exposure::target_fill, Number{above(0).to(1)},
               "share of the full well and of the largest digital number: whichever is reached first")
             .required();
-        m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"},
-              "shortest integration time");
-        m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"},
-              "longest integration time");
+        m.add("shortest_s", &engine::Exposure::shortest_s, Number{above(0).to(1e5), "s"}, "shortest integration time");
+        m.add("longest_s", &engine::Exposure::longest_s, Number{above(0).to(1e5), "s"}, "longest integration time");
         m.add("metering", &engine::Exposure::metering, Object{metering_members()}, "by which pixels");
         m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
           if (exposure.longest_s < exposure.shortest_s) in.fail("longest_s", "is less than shortest_s");

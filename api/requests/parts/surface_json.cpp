@@ -159,10 +159,10 @@ const Members<Reflectance>& reflectance_members() {
     using Hapke = engine::HapkeParameters;
     of_hapke("w", &Hapke::w, Number{kUnitInterval}, "single-scattering albedo");
     of_hapke("b0", &Hapke::b0, Number{{0, 10}}, "amplitude of the opposition surge, B_0");
-    of_hapke("h", &Hapke::h, Number{{0, 10, true, false}}, "angular width of the opposition surge");
-    of_hapke("b", &Hapke::b, Number{{-1, 1, true, true}}, "b of the phase function");
+    of_hapke("h", &Hapke::h, Number{above(0).to(10)}, "angular width of the opposition surge");
+    of_hapke("b", &Hapke::b, Number{above(-1).below(1)}, "b of the phase function");
     of_hapke("c", &Hapke::c, Number{{-2, 3}}, "c of the phase function");
-    of_hapke("theta_bar_deg", &Hapke::theta_bar_deg, Number{{0, 60, false, true}, "deg"},
+    of_hapke("theta_bar_deg", &Hapke::theta_bar_deg, Number{from(0).below(60), "deg"},
              "mean slope of the roughness below the mesh's resolution");
     of_hapke("phase_function", &Hapke::phase_function, Word{kPhaseFunctions},
              "1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; negative nowhere");
@@ -173,8 +173,7 @@ const Members<Reflectance>& reflectance_members() {
         .written_if(of_2002);
     of_hapke("bc0", &Hapke::bc0, Number{kUnitInterval}, "amplitude of coherent backscatter; needs `terms` 2002")
         .written_if(of_2002);
-    of_hapke("hc", &Hapke::hc, Number{{0, 10, true, false}},
-             "angular width of coherent backscatter; needs `terms` 2002")
+    of_hapke("hc", &Hapke::hc, Number{above(0).to(10)}, "angular width of coherent backscatter; needs `terms` 2002")
         .written_if(of_2002);
     m.check(check_reflectance);
     m.add_condition(rho_of_lunar_lambert);
