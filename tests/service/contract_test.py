@@ -62,8 +62,6 @@ def service(name):
             dem = [harness.sample("sample", *harness.PLACE, "--ppd", "256")]
         elif name == "layers":
             dem = [shared("global"), shared("hadley")]
-        elif name == "variants":
-            dem = [shared("labels", "variants")]
         elif name == "void":
             dem = [harness.path("void")]
         else:
@@ -468,12 +466,6 @@ class Hadley(Test):
         rows = [np.hstack([by_corner[top, west] for west in (0, 3, 6, 9)]) for top in (30, 27, 24, 21)]
         cls.posts = np.vstack(rows)  # 3072 x 3072, the first at 30 N 0 E
 
-    def bilinear(self, lat, lon):
-        r, c = (30 - lat) * 256, lon * 256
-        i, j = np.clip(r.astype(int), 0, 3070), np.clip(c.astype(int), 0, 3070)
-        u, v, m = r - i, c - j, self.posts
-        return m[i, j] * (1 - u) * (1 - v) + m[i + 1, j] * u * (1 - v) + m[i, j + 1] * (1 - u) * v + m[i + 1, j + 1] * u * v
-
     def test_heights_at_posts(self):
         rng = np.random.default_rng(1)
         for name, (top, west, posts) in self.tiles.items():
@@ -483,16 +475,6 @@ class Hadley(Test):
             self.close([a["height_m"] for a in answers], posts[row, column], 0.01, name)
             self.assertEqual({a["source"] for a in answers}, {name})
             self.assertFalse(any(a["filled"] for a in answers))
-
-    def test_between_posts_and_between_tiles(self):
-        rng = np.random.default_rng(2)
-        r, c = rng.uniform(0, 3070, 3000), rng.uniform(0, 3070, 3000)
-        r[:800], c[800:1600] = 767 + rng.uniform(0, 1, 800), 1535 + rng.uniform(0, 1, 800)
-        got = service("hadley").heights(30 - r / 256, c / 256)
-        i, j = r.astype(int), c.astype(int)
-        corners = np.stack([self.posts[i, j], self.posts[i + 1, j], self.posts[i, j + 1], self.posts[i + 1, j + 1]])
-        self.assertTrue(np.all((got > corners.min(0) - 0.5) & (got < corners.max(0) + 0.5)), "outside of its four posts")
-        self.assertLess(np.sqrt(np.mean((got - self.bilinear(30 - r / 256, c / 256))**2)), 0.5)
 
     def test_visibility_behind_a_mountain(self):
         camera = {"width": 400, "height": 300, "fov_deg": 45.0}
@@ -535,25 +517,6 @@ class Hadley(Test):
         rays = service("hadley").rays(up * (RADIUS_M + 20000), -up)
         self.assertEqual([(a, o) for a, o, r in zip(lat, lon, rays) if not r["hit"]], [], "places with a height that rays pass")
 
-    def test_the_data_do_not_shrink_with_distance(self):
-        for height, fov in ((400000.0, 60.0), (3000000.0, 12.0)):
-            f = service("hadley").arrays(request(["geodetic"], lat=24.0, lon=6.0, height=height, width=200, rows=200, fov=fov))
-            lat, lon = f["geodetic"][..., 0], f["geodetic"][..., 1]
-            edges = [np.nanmin(lat), np.nanmax(lat), np.nanmin(lon), np.nanmax(lon)]
-            self.close(edges, [18, 30, 0, 12], 0.3, f"from {height} m are seen {np.round(edges, 2)}, of 18..30 N and 0..12 E")
-
-
-class LabelVariants(Test):
-    """Each tile is a ramp, 10 * row + column, 10 posts per degree, with a void of 2 x 2 posts in its first corner."""
-
-    def test_outermost_posts(self):
-        """Posts of a tile's north and west border have values also where no neighbour is.
-
-        South of the equator only every fifth: the mesh's edges are great circles, south of the parallel between vertices.
-        """
-        answers = service("variants").places([27.0, 26.0, 27.0, -69.0, -70.0], [4.0, 3.0, 304.1, 303.5, 303.0])
-        self.close([np.nan if a["height_m"] is None else a["height_m"] for a in answers], [10, 100, 11, 5, 100], 0.01)
-
 
 class Void(Test):
     """A void too large to fill: null and a reason, in a tile made here."""
@@ -582,23 +545,6 @@ class Void(Test):
 
     def at(self, row, column):
         return service("void").places(12 - row / 256, 30 + column / 256)[0]
-
-    def test_a_large_void_is_null(self):
-        answer = self.at(360, 360)
-        self.assertIsNone(answer["height_m"])
-        self.assertTrue(answer["reason"])
-        self.close(self.at(299, 299)["height_m"], self.posts[299, 299], 0.01)
-        p = service("void").call("/v1/project", {"camera": {"width": 9, "height": 9, "fov_deg": 40.0},
-                                                "pose": {"geodetic": {"lat_deg": 10.6, "lon_deg": 31.4, "height_m": 20000.0}, "nadir": {}},
-                                                "points": [{"lat_deg": 12 - 360 / 256, "lon_deg": 30 + 360 / 256}]})["points"][0]
-        self.assertIsNone(p["height_m"])
-        self.assertTrue(p["reason"])
-        self.assertFalse(p["visible"])
-
-    def test_a_small_void_is_filled_and_says_so(self):
-        answer = self.at(101, 101)
-        self.assertTrue(answer["filled"])
-        self.assertTrue(-300 <= answer["height_m"] <= 300, answer)
 
     def test_a_void_is_no_larger_in_frames_than_in_the_file(self):
         for height, fov in ((60000.0, 60.0), (300000.0, 30.0)):
@@ -631,51 +577,6 @@ class Void(Test):
         self.assertEqual(f["meta"]["hit_fraction"], 1.0)
         self.assertNotIn("Selenograph-Missing-Fraction", f["headers"])
         self.assertGreater(f["meta"]["filled_fraction"], 0.001)
-
-
-class WholeMoon(Test):
-    """LDEM_4: 4 pixels per degree of the whole Moon."""
-
-    @classmethod
-    def setUpClass(cls):  # the label: LSB_INTEGER, height = DN * 0.5, 720 x 1440, centre longitude 180
-        cls.posts = np.fromfile(shared("ldem_4", "LDEM_4.IMG"), "<i2").reshape(720, 1440) * 0.5
-
-    def test_heights_at_pixel_centres(self):
-        """Pixel is area: the value belongs to the centre, half a pixel inside the corner."""
-        rng = np.random.default_rng(3)
-        rows, columns = self.posts.shape
-        step = 360 / columns
-        row, column = rng.integers(0, int(55 / step), 3000), rng.integers(0, columns, 3000)
-        row[1500:] += int(80 / step)  # the north down to 35 N, the rest from 10 N
-        got = service("ldem_4").heights(90 - (row + 0.5) * step, (column + 0.5) * step)
-        error = got - self.posts[row, column]
-        self.assertFalse(np.isnan(error).any())
-        share = f"rms {np.sqrt(np.mean(error**2)):.2f} m, 99 % {np.percentile(abs(error), 99):.1f} m"
-        # Poleward of 75.5 degrees the mesh gives up posts in longitude, where they lie closer than along a meridian.
-        polar = np.abs(90 - (row + 0.5) * step) > 75.5
-        self.assertLessEqual(np.abs(error[~polar]).max(), 0.01, share)
-        self.assertLessEqual(np.sqrt(np.mean(error[polar] ** 2)), 3, share)
-
-    def test_date_line_and_prime_meridian(self):
-        lat = np.array([-89.5, -60.3, 0.0, 12.34567, 85.0, 89.5])
-        for a, b in ((180, -180), (0, 360)):
-            self.close(service("ldem_4").heights(lat, a), service("ldem_4").heights(lat, b), 0)
-        for a, b in ((179.9999999, -179.9999999), (-1e-7, 1e-7), (359.9999999, 0)):
-            self.close(service("ldem_4").heights(lat, a), service("ldem_4").heights(lat, b), 0.01)
-        rows, columns = self.posts.shape
-        step = 360 / columns
-        for row in (rows // 5, rows // 2, rows - 40):  # between the last and the first column lies their mean, at least nearly
-            got = service("ldem_4").heights(90 - (row + 0.5) * step, 0.0)[0]
-            values = self.posts[row, [0, -1]]
-            self.assertTrue(values.min() - 60 <= got <= values.max() + 60, (got, values))
-
-    def test_rays_at_the_poles(self):
-        lon = np.arange(-180.0, 180.0, 15.0)
-        for lat in (90.0, 89.9999, 89.99, 89.9, -90.0, -89.9999, -89.99, -89.9):
-            up = up_at(np.full_like(lon, lat), lon)
-            rays = service("ldem_4").rays(up * (RADIUS_M + 20000), -up)
-            self.assertEqual([o for o, r in zip(lon, rays) if not r["hit"]], [], f"rays pass the Moon at {lat}")
-            self.close([20000 - r["range_m"] for r in rays], service("ldem_4").heights(lat, lon), 0.01, str(lat))
 
 
 class Layers(Test):

@@ -256,11 +256,6 @@ class Horizons(unittest.TestCase):
         harness.write("large.json", {**body, "horizon": {**body["horizon"], "azimuths": 18}})
         self.assertIn("tiles of another request", make("0/2").stderr)
 
-    def test_from_above_the_horizon_dips(self):
-        low, high = (self.ask("/v1/horizons", {"places": [PLACE], "horizon": {**HORIZON, "azimuths": 16, "height_above_ground_m": h}})
-                     ["places"][0]["elevation_deg"] for h in (0, 3000))
-        self.assertTrue(all(a > b for a, b in zip(low, high)))
-
     def test_series_and_statistics(self):
         body = {"places": [PLACE, {"lat_deg": -6.6, "lon_deg": 40.2}], "from_utc": "2026-11-20T00:00:00Z",
                 "to_utc": "2027-01-18T00:00:00Z", "step_s": 7200, "horizon": {**HORIZON, "azimuths": 180}}

@@ -88,16 +88,6 @@ class Blending(unittest.TestCase):
             if attempt > 0:
                 self.assertIn("pyramid was made from other sources; it is made again", log)
 
-    def test_what_has_one_layer_keeps_its_cache(self):
-        first = Service("--blend-posts", "0", cache="cache-single", dem="coarse")
-        heights = along(first)
-        first.stop()
-        second = Service("--blend-posts", "9", cache="cache-single", dem="coarse")
-        self.assertEqual(along(second), heights)
-        self.assertNotIn("made again", second.log_text())
-        self.assertEqual(second.metric("selenograph_terrain_chunks_built_total"), 0)
-        second.stop()
-
     def test_an_offset_is_fitted_and_reported(self):
         service = Service("--layer-offset", "site=fit", cache="cache-fit")
         datasets = json.loads(service.ask("GET", "/v1/datasets")[2])
@@ -120,13 +110,6 @@ class Blending(unittest.TestCase):
         text = run("info", "--dem", path("dem"), "--cache-dir", path("cache-info")).stdout
         self.assertIn("border of site over", text)
         self.assertIn("step in the files: mean", text)
-
-    def test_bad_settings_are_named(self):
-        for option, value, named in (("--layer-offset", "site=x", "site=x"), ("--layer-offset", "nowhere=1", "nowhere"),
-                                     ("--blend-posts", "-1", "--blend-posts")):
-            done = run("info", option, value, "--dem", path("dem"), "--cache-dir", path("cache-info"))
-            self.assertNotEqual(done.returncode, 0)
-            self.assertIn(named, done.stderr + done.stdout)
 
 
 class NoDem(unittest.TestCase):
@@ -170,18 +153,6 @@ class NoDem(unittest.TestCase):
         self.assertIn("describe its band", named.stderr)
         log = Service(cache="cache-side", dem="with-image").log_text()
         self.assertIn("site_err.tif: side layer (error of heights)", log)
-
-    def test_a_name_that_says_otherwise_is_overridden(self):
-        for end in (".lbl", ".img"):
-            shutil.copy(os.path.join(self.folder, "site" + end), os.path.join(self.folder, "slope" + end))
-        label = os.path.join(self.folder, "slope.lbl")
-        with open(label, encoding="latin-1", newline="") as file:
-            text = file.read().replace("site.img", "slope.img")
-        for quantity, names in (("N/A", ["site"]), ("HEIGHT", ["site", "slope"])):
-            with open(label, "w", encoding="latin-1", newline="") as file:
-                file.write(text.replace('"ALTITUDE"', f'"{quantity}"'))
-            done = run("info", "--json", "--dem", self.folder, "--cache-dir", path("cache-slope"))
-            self.assertEqual(sorted(d["name"] for d in json.loads(done.stdout)["datasets"]), names)
 
 
 if __name__ == "__main__":

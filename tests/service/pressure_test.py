@@ -1,10 +1,8 @@
 #!/usr/bin/env python3
-"""Many clients, slow ones, and the end of the service: who is served, and until when. Python's standard library only."""
+"""Clients that read nothing, while others ask and while the service ends. Python's standard library only."""
 
-import concurrent.futures
 import http.client
 import json
-import os
 import socket
 import time
 import unittest
@@ -44,65 +42,6 @@ def slow_reader(service, request, buffer=4096):
     s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nAccept: application/octet-stream\r\n"
               b"Content-Length: %d\r\n\r\n" % len(body) + body)
     return s
-
-
-class ManyClients(unittest.TestCase):
-    def obeys(self, service, source):
-        """One request, asked again after Retry-After until it is answered; returns the seconds that took."""
-        start = time.monotonic()
-        while True:
-            connection = connect(service, source)
-            status, headers, _ = post(service, connection, frame_request())
-            connection.close()
-            if status == 200:
-                return time.monotonic() - start
-            assert status == 503, status
-            time.sleep(int(headers["Retry-After"]))
-
-    def test_200_at_once_are_all_served(self):
-        for options in ((), ("--max-waiting", "16")):
-            service = Service("--log-level", "warning", *options)
-            self.obeys(service, "127.0.0.1")  # terrain is in memory
-            with concurrent.futures.ThreadPoolExecutor(200) as pool:
-                times = list(pool.map(lambda _: self.obeys(service, "127.0.0.1"), range(200)))
-            print(f"\n  {options}: the last of 200 was served after {max(times):.1f} s", end=" ", flush=True)
-            self.assertLess(max(times), 40)
-            self.assertEqual(service.stop(), 0)
-
-    def test_one_address_does_not_starve_another(self):
-        service = Service("--log-level", "warning", "--max-frames", "1", "--max-image-pixels", "16000000")
-        single = connect(service, "127.0.0.2")
-        request = frame_request(width=100, height=100)
-        alone = min(self.timed(service, single, request) for _ in range(3))
-        end = time.monotonic() + 6
-
-        def hog(_):
-            connection = connect(service, "127.0.0.1")
-            served = 0
-            while time.monotonic() < end:
-                served += post(service, connection, request)[0] == 200
-            connection.close()
-            return served
-
-        with concurrent.futures.ThreadPoolExecutor(200) as pool:
-            hogs = [pool.submit(hog, i) for i in range(200)]
-            time.sleep(1)
-            beside = []
-            while time.monotonic() < end - 1:
-                beside.append(self.timed(service, single, request))
-            served = sum(h.result() for h in hogs)
-        single.close()
-        print(f"\n  {alone * 1e3:.0f} ms alone, {max(beside) * 1e3:.0f} ms at most beside 200 others, of which {served} were served",
-              end=" ", flush=True)
-        self.assertGreater(len(beside), 3)
-        self.assertGreaterEqual(served, 200)
-        self.assertLess(sorted(beside)[len(beside) // 2], 20 * alone + 0.2)
-        self.assertEqual(service.stop(), 0)
-
-    def timed(self, service, connection, request):
-        start = time.monotonic()
-        self.assertEqual(post(service, connection, request)[0], 200)
-        return time.monotonic() - start
 
 
 class UnreadAnswers(unittest.TestCase):
@@ -157,52 +96,6 @@ class End(unittest.TestCase):
         self.assertGreater(took, self.SHUTDOWN_S - 1.2, "what runs is given its time")
         for connection in (reader, silent, *frames):
             connection.close()
-
-    def test_a_slow_reader_that_does_read(self):
-        service = Service("--shutdown-s", str(self.SHUTDOWN_S))
-        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500))
-        reader.recv(1000)
-        with concurrent.futures.ThreadPoolExecutor(1) as pool:
-            def read():
-                try:
-                    while reader.recv(8000):
-                        time.sleep(0.1)
-                except OSError:
-                    pass
-            reading = pool.submit(read)
-            self.ends_in_time(service)
-            reading.result()
-        reader.close()
-
-    def test_what_is_done_in_time_is_delivered(self):
-        service = Service("--shutdown-s", "60")
-        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500), buffer=1 << 18)
-        received = reader.recv(1000)
-        service.process.terminate()
-        time.sleep(0.5)
-        self.assertIsNone(service.process.poll())
-        while got := reader.recv(1 << 20):
-            received += got
-        self.assertEqual(len(received) - received.index(b"\r\n\r\n") - 4, 1500 * 1500 * 24)
-        self.assertEqual(service.process.wait(PATIENCE_S), 0)
-        reader.close()
-        service.close()
-
-
-class Log(unittest.TestCase):
-    def test_a_log_that_nobody_reads_blocks_nothing(self):
-        unread, log = os.pipe()
-        service = Service(log=open(log, "wb"))
-        # Lines of 300 bytes, over the pipe's 64 KiB and the log's own memory.
-        connection = service.connect()
-        for _ in range(12000):
-            service.ask("GET", "/nothing?" + "x" * 200, connection=connection)
-        connection.close()
-        self.assertGreater(service.metric("selenograph_log_dropped_total"), 0)
-        start = time.monotonic()
-        self.assertEqual(service.stop(), 0)
-        self.assertLess(time.monotonic() - start, 5)
-        os.close(unread)
 
 
 if __name__ == "__main__":
