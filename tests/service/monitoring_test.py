@@ -156,17 +156,6 @@ class Monitoring(unittest.TestCase):
         shown |= {name.replace("_bucket", part) for name in shown if name for part in ("_sum", "_count")}
         self.assertEqual(set(self.there) - shown, {"process_start_time_seconds"})
 
-    def test_the_panels_do_not_overlap(self):
-        with open(DASHBOARD) as file:
-            panels = json.load(file)["panels"]
-        self.assertEqual(len({panel["id"] for panel in panels}), len(panels))
-        taken = set()
-        for panel in panels:
-            at = panel["gridPos"]
-            cells = {(x, y) for x in range(at["x"], at["x"] + at["w"]) for y in range(at["y"], at["y"] + at["h"])}
-            self.assertFalse(cells & taken, panel["title"])
-            taken |= cells
-
     def test_both_sides_of_a_comparison_have_the_same_labels(self):
         """Else it is of nothing, and never true."""
         for expression in alert_expressions():

@@ -1130,13 +1130,6 @@ TEST_F(RasterTest, TruncatedGeoTiff) {
   EXPECT_TRUE(threw);
 }
 
-TEST_F(RasterTest, ChangedSinceInspection) {
-  write(file("t.tif"), Tif{});
-  RasterInfo info = inspect_raster(file("t.tif"));
-  info.stamp += 1;
-  EXPECT_DATA_ERROR(Raster{info}, "changed");
-}
-
 TEST_F(RasterTest, Garbage) {
   for (const char* name : {"g.lbl", "g.tif", "g.vrt", "g.img", "g.png"}) {
     std::ofstream(file(name)) << "This is not a terrain model.";
