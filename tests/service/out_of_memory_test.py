@@ -52,7 +52,7 @@ class OutOfMemory(unittest.TestCase):
 
     def test_the_largest_frames(self):
         large = frame_request(PRODUCTS, width=8192, height=2048)
-        for gibibytes in (1.5, 2, 3):
+        for gibibytes in (1.5, 2, 3) if harness.full_effort() else (2,):
             with self.subTest(gibibytes=gibibytes):
                 statuses = self.ask_at_once(self.start(gibibytes), [(large, "application/x-npz")] * AT_ONCE)
                 print(f"\n  {gibibytes} GiB: {statuses}", end=" ", flush=True)
