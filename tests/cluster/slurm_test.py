@@ -295,16 +295,6 @@ class Campaign(unittest.TestCase):
         self.assertEqual([name for name in os.listdir(folder) if ".tmp-" in name], [])
         print(f"{FRAMES} frames, {MOST_ARRAY} shards on {SLOTS} slots in {seconds:.0f} s; {how_often}", end=" ", flush=True)
 
-    def test_bad_lines_and_the_checks_status(self):
-        path, folder = self.manifest("bad.jsonl", 5), harness.path("bad")
-        with open(path, "a") as file:
-            file.write('{"name": "nothing"}\n')
-        job, check = self.submit(path, folder, "--time=5")
-        ended = self.wait_for(check, folder, 120)
-        self.assertEqual((ended["JobState"], ended["ExitCode"]), ("FAILED", "2:0"), self.log_of(folder, check))
-        self.assertIn("bad: line 6 (nothing)", self.log_of(folder, check))
-        self.assertIn("line 6 (nothing)", self.log_of(folder, job))
-
     def test_errors_are_not_tried_again(self):
         """And what a task did not do is in the manifest to run again."""
         path, folder = self.manifest("hopeless.jsonl", 4), harness.path("hopeless")

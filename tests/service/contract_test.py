@@ -6,7 +6,6 @@ and from published formulae (named where they are used). SELENOGRAPH_BINARY name
 from SELENOGRAPH_SHARED_DATA or, failing that, ../shared/data beside the repository; tests that need it skip without it.
 """
 
-import glob
 import json
 import os
 import re
@@ -421,16 +420,6 @@ class Errors(Test):
 # --- terrain ---------------------------------------------------------------------------------------------------------
 
 
-def kaguya_posts(folder, pattern=r"N(\d\d)E(\d\d\d)([NS]\d\d)"):
-    """Tile name -> (top latitude, west longitude, heights), as the file names and the README of the data say."""
-    tiles = {}
-    for path in sorted(glob.glob(os.path.join(folder, "*.img"))):
-        found = re.search(pattern, path)
-        posts = np.fromfile(path, ">i2").astype(float)
-        tiles[os.path.basename(path)[:-4]] = (int(found[1]), int(found[2]), posts.reshape(int(len(posts)**0.5), -1))
-    return tiles
-
-
 class SampleTerrain(Test):
     def test_single_and_batch_agree(self):
         status, _, body = service("sample").ask("GET", f"/v1/height?lat_deg={LAT}&lon_deg={LON}")
@@ -441,23 +430,6 @@ class SampleTerrain(Test):
 
 
 class Hadley(Test):
-    @classmethod
-    def setUpClass(cls):
-        cls.tiles = kaguya_posts(shared("hadley"))
-        by_corner = {(top, west): posts for top, west, posts in cls.tiles.values()}
-        rows = [np.hstack([by_corner[top, west] for west in (0, 3, 6, 9)]) for top in (30, 27, 24, 21)]
-        cls.posts = np.vstack(rows)  # 3072 x 3072, the first at 30 N 0 E
-
-    def test_heights_at_posts(self):
-        rng = np.random.default_rng(1)
-        for name, (top, west, posts) in self.tiles.items():
-            row = np.r_[rng.integers(0, 768, 100), 0, 0, 767, 767]
-            column = np.r_[rng.integers(0, 768, 100), 0, 767, 0, 767]
-            answers = service("hadley").places(top - row / 256, west + column / 256)
-            self.close([a["height_m"] for a in answers], posts[row, column], 0.01, name)
-            self.assertEqual({a["source"] for a in answers}, {name})
-            self.assertFalse(any(a["filled"] for a in answers))
-
     def test_error_bound_near_the_ground(self):
         """Near the ground the finest posts are all there is: the bound must say so, not be a division by nothing."""
         for height in (5000.0, 0.0, -1500.0, -1800.0):
