@@ -7,7 +7,7 @@ import time
 import unittest
 
 import harness
-from harness import PATIENCE_S, Service, frame_request, long_frame
+from harness import PATIENCE_S, Service, frame_request, long_frame, tearDownModule
 
 MEMBERS = {"time", "level", "request_id", "token", "client", "method", "target", "status", "error", "request_bytes", "bytes",
            "duration_ms", "queued_ms", "work_ms", "stages_ms"}
@@ -16,10 +16,6 @@ MEMBERS = {"time", "level", "request_id", "token", "client", "method", "target",
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class AccessLog(unittest.TestCase):

@@ -52,6 +52,23 @@ class ETags(unittest.TestCase):
                     self.assertEqual(status, 304 if asked == tag else 200)
         self.assertGreater(gave_way, 0, "some frame must need more memory than the tight service has")
 
+    def test_every_moment_of_an_exposure_counts(self):
+        request = low_sun(1)
+        request["products"] = ["image"]
+        request["band"] = {"center_um": 0.65, "width_um": 0.2}
+        request["sensor"] = {"optics": {"f_number": 5.6}, "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.5,
+                                                                       "quantum_efficiency": 0.4, "full_well_e": 1e9,
+                                                                       "gain_e_dn": 1e5, "bit_depth": 12},
+                             "motion": {"velocity_m_s": [1000.0, 0.0, 0.0], "samples": 4}}
+        tags = []
+        for service in (self.roomy, self.tight):
+            status, headers, body = service.post("/v1/frames", request, "application/x-npz")
+            self.assertEqual(status, 200, body[:300])
+            status, _, _ = service.post("/v1/frames", request, "application/x-npz", If_None_Match=headers["ETag"])
+            self.assertEqual(status, 304)
+            tags.append((headers["ETag"], body))
+        self.assertEqual(tags[0][0] == tags[1][0], tags[0][1] == tags[1][1])
+
 
 if __name__ == "__main__":
     harness.main()

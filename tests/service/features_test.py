@@ -294,15 +294,6 @@ class CommandLine(WithFeatures):
         done = self.features("-", "-o", "-", input=json.dumps(request))
         self.assertEqual(done.stdout, self.service.post("/v1/features", request)[2].decode())
 
-    def test_refusals(self):
-        request = harness.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
-        for options, words in (((), "required"), ((request,), "required"), ((request, "-o", "-"), "/detail"),
-                               ((request, "-o", harness.path("x.png")), "must end in one of .json, .csv for features")):
-            done = self.features(*options)
-            self.assertNotEqual(done.returncode, 0, options)
-            self.assertIn(words, done.stderr, options)
-        self.assertFalse(os.path.exists(harness.path("x.png")))
-
     def test_what_is_written_through(self):
         """A pipe stays one, and a link stays what it is: there or not, its file is written."""
         request = harness.write("through.json", {"detail": "large", "region": square(LAT, LON, 1000)})

@@ -12,7 +12,7 @@ import numpy as np
 from osgeo import gdal
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 gdal.UseExceptions()
 
@@ -27,10 +27,6 @@ HORIZON = {"azimuths": 720, "farthest_km": 60}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-8", "--west-deg", "39", "--rows", "2", "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Horizons(unittest.TestCase):

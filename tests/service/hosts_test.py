@@ -9,16 +9,12 @@ import socket
 import unittest
 
 import harness
-from harness import PATIENCE_S, PLACE
+from harness import PATIENCE_S, PLACE, tearDownModule
 
 
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE, "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Asking(harness.WithService):

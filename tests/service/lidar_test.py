@@ -208,12 +208,6 @@ class Arrays(WithService):
             np.testing.assert_array_equal(answer[name], np.array([p[name] for p in by_list], answer[name].dtype), name)
         self.assertEqual(answer["reason"].tolist(), [0, 0, 3, 1])
 
-    def test_landmarks_of_a_camera_that_no_frame_may_have(self):
-        large = {"camera": {"width": 8192, "height": 8192, "fov_deg": 30.0}, "pose": request()["pose"]}
-        answer = self.ok_json(self.service.post("/v1/project", {**large, "points": [PLACE]}, "application/json"))
-        self.assertAlmostEqual(answer["points"][0]["x_px"], 4095.5, delta=0.1)
-        self.problem(self.service.post("/v1/frames", {**large, "products": ["range"]}), 422, "/camera")
-
 
 if __name__ == "__main__":
     harness.main()

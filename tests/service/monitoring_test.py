@@ -10,7 +10,7 @@ import subprocess
 import unittest
 
 import harness
-from harness import REPOSITORY, Service, frame_request
+from harness import REPOSITORY, Service, frame_request, tearDownModule
 
 OPERATION = os.path.join(REPOSITORY, "deploy", "operation")
 DASHBOARD = os.path.join(OPERATION, "grafana", "selenograph.json")
@@ -117,10 +117,6 @@ def missing(expressions, there, mine):
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Monitoring(unittest.TestCase):

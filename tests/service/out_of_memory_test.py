@@ -7,7 +7,7 @@ import resource
 import unittest
 
 import harness
-from harness import PLACE, PRODUCTS, Service, frame_request
+from harness import PLACE, PRODUCTS, Service, frame_request, tearDownModule
 
 GIBI = 1 << 30
 AT_ONCE = 4
@@ -16,10 +16,6 @@ AT_ONCE = 4
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE, "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 @harness.of_memory

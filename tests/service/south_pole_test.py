@@ -18,7 +18,7 @@ from osgeo import gdal
 
 import harness
 import readme_test
-from harness import REPOSITORY
+from harness import REPOSITORY, tearDownModule
 
 gdal.UseExceptions()
 
@@ -35,10 +35,6 @@ def setUpModule():
     os.symlink(os.path.join(REPOSITORY, "deploy"), harness.path("deploy"))
     os.mkdir(harness.path("build"))
     os.symlink(os.path.abspath(harness.BINARY), harness.path("build", "selenograph"))
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def lighter(word):

@@ -6,7 +6,7 @@ import os
 import time
 
 import harness
-from harness import PRODUCTS, WithService, frame_request
+from harness import PRODUCTS, WithService, frame_request, tearDownModule
 
 BAND = {"center_um": 0.65, "width_um": 0.3}
 SENSOR = {
@@ -23,10 +23,6 @@ def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
     harness.assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def with_sensor(point_spread, f_number=4.0, pitch_um=5.5, motion=None, **changes):
