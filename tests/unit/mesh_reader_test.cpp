@@ -188,7 +188,9 @@ TEST_F(MeshFiles, DamagedFilesAreMeshesOrErrors) {
   }
   EXPECT_GT(errors, damaged / 6);
   EXPECT_LT(errors, damaged);
-  if (test::full_effort()) EXPECT_GT(crashes, 0) << "of the library, or this doesn't test what it should";
+  if (test::full_effort()) {
+    EXPECT_GT(crashes, 0) << "of the library, or this doesn't test what it should";
+  }
 }
 
 // --- the assets folder
