@@ -15,6 +15,7 @@
 
 #include "engine/camera/projection.h"
 #include "engine/camera/sight_table.h"
+#include "engine/verify/accuracy_scenes.h"
 #include "engine/visibility/image/dense_samples.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/same_bytes.h"
