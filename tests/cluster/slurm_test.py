@@ -16,7 +16,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
@@ -141,30 +140,6 @@ class Cluster:
                 with open(self.path(name), errors="replace") as file:
                     texts.append(f"--- {name}\n" + file.read()[-3000:])
         return "\n".join(texts)
-
-
-class Submitted(unittest.TestCase):
-    """With stand-ins for Slurm's commands: what it is told."""
-
-    def test_another_cluster_and_a_folder_with_a_percent_sign(self):
-        with tempfile.TemporaryDirectory() as folder:
-            for name, what in (("scontrol", "echo MaxArraySize = 1001"),
-                               ("sbatch", 'printf "%s\\n" "$@" >> "$0.log"; echo "7;moon"')):
-                with open(os.path.join(folder, name), "w") as file:
-                    file.write("#!/bin/sh\n" + what + "\n")
-                os.chmod(file.name, 0o755)
-            with open(os.path.join(folder, "m.jsonl"), "w") as file:
-                file.write("{}\n")
-            done = subprocess.run([os.path.join(REPOSITORY, "deploy", "campaigns", "slurm", "submit"), "m.jsonl", "run%j",
-                                   "--clusters=moon"], cwd=folder, stdout=subprocess.PIPE, text=True, check=True,
-                                  env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}, timeout=PATIENCE_S)
-            self.assertEqual(done.stdout, "campaign 7 verify 7\n")
-            with open(os.path.join(folder, "sbatch.log")) as file:
-                told = file.read().split("\n")
-        self.assertIn("--dependency=afterany:7", told)
-        logs = [word for word in told if word.startswith("--output=")]
-        self.assertEqual([word.rsplit("/", 2)[1:] for word in logs], [["run%%j", "slurm-%A_%a.log"], ["run%%j", "slurm-%j.log"]])
-        self.assertEqual(sum(word.endswith("/run%j") for word in told), 2)  # the folder itself
 
 
 @unittest.skipIf(MISSING, f"no {', '.join(MISSING)}: deploy/install-packages slurm")
@@ -319,16 +294,6 @@ class Campaign(unittest.TestCase):
         self.assertTrue(ours == self.frames(alone))
         self.assertEqual([name for name in os.listdir(folder) if ".tmp-" in name], [])
         print(f"{FRAMES} frames, {MOST_ARRAY} shards on {SLOTS} slots in {seconds:.0f} s; {how_often}", end=" ", flush=True)
-
-    def test_bad_lines_and_the_checks_status(self):
-        path, folder = self.manifest("bad.jsonl", 5), harness.path("bad")
-        with open(path, "a") as file:
-            file.write('{"name": "nothing"}\n')
-        job, check = self.submit(path, folder, "--time=5")
-        ended = self.wait_for(check, folder, 120)
-        self.assertEqual((ended["JobState"], ended["ExitCode"]), ("FAILED", "2:0"), self.log_of(folder, check))
-        self.assertIn("bad: line 6 (nothing)", self.log_of(folder, check))
-        self.assertIn("line 6 (nothing)", self.log_of(folder, job))
 
     def test_errors_are_not_tried_again(self):
         """And what a task did not do is in the manifest to run again."""

@@ -42,7 +42,7 @@ class IndirectLight : public ::testing::Test {
   }
 
   static IndirectTruth truth_by_rays(const Renderer& renderer, const FrameRequest& request, int strata = kStrata) {
-    return {renderer, request, {strata, full_effort() ? IndirectTruth::kAzimuths : 360}};
+    return {renderer, request, {strata, full_effort() ? IndirectTruth::kAzimuths : 240}};
   }
 
   static FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_elevation_deg,

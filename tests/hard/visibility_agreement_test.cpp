@@ -84,16 +84,6 @@ class TwoWays : public SampleScenery {
   }
 };
 
-TEST_F(TwoWays, AgreeOnTheScenesOfVerifyAccuracy) {
-  for (const double error_px : {0.5, 2.0})
-    for (const engine::AccuracyScene& scene :
-         engine::accuracy_scenes(scenery().renderer->terrain(), {-10, 44, 0}, std::nullopt, kSide, 20e3))
-      for (engine::FrameRequest request : scene.frames) {
-        request.accuracy.max_error_px = error_px;
-        compare(fmt::format("{}, {} px", scene.name, error_px), request);
-      }
-}
-
 TEST_F(TwoWays, ReferenceConfirmsBoth) {
   Disputes all;
   const Vec3 from = to_cartesian({-10, 44, 20000});

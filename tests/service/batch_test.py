@@ -173,11 +173,6 @@ class Frames(Batch):
             self.assertEqual(len(said), 1, done.stdout)
             self.assertRegex(said[0], "^warning, of 3 frames: no signal")
 
-    def test_names_are_the_lines_numbers(self):
-        lines = [json.dumps(r) for r in requests(4)]
-        self.assert_status(batch(manifest([lines[0], "", lines[1], json.dumps({"name": "b", **next(requests(1))})]), "out"), DONE)
-        self.assertEqual(list(contents("out", ".npz")), ["000001.npz", "000003.npz", "b.npz"])
-
     def test_bad_lines_are_recorded_and_the_rest_is_rendered(self):
         good = list(requests(6))
         lines = [good[0], "{nonsense", {**good[1], "poes": 1}, {"name": "../up", **good[2]}, {"name": "twice", **good[3]},

@@ -7,7 +7,7 @@ import time
 import unittest
 
 import harness
-from harness import PATIENCE_S, Service, frame_request, long_frame
+from harness import PATIENCE_S, Service, frame_request, long_frame, tearDownModule
 
 MEMBERS = {"time", "level", "request_id", "token", "client", "method", "target", "status", "error", "request_bytes", "bytes",
            "duration_ms", "queued_ms", "work_ms", "stages_ms"}
@@ -16,10 +16,6 @@ MEMBERS = {"time", "level", "request_id", "token", "client", "method", "target",
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "64")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class AccessLog(unittest.TestCase):
@@ -99,22 +95,6 @@ class AccessLog(unittest.TestCase):
             self.assertGreaterEqual(self.line_of(found[1].decode())["status"], 400)
         answer = self.service.raw(b"POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: mine\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n")
         self.assertIn(b"\r\nX-Request-Id: mine\r\n", answer)
-
-    def test_what_clients_send_stays_one_line(self):
-        self.service.raw(b"GET /v1/\xff\"\\x{}? HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: odd\r\nConnection: close\r\n\r\n")
-        self.assertIn('"\\x{}?', self.line_of("odd")["target"])
-        for name in ("two words", 'a"b', "", "x" * 65):
-            with socket.create_connection((self.service.host, self.service.port)) as s:
-                s.sendall(b"GET /v1/datasets HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: t%d\r\nSelenograph-Token: %s\r\n"
-                          b"Connection: close\r\n\r\n" % (len(name), name.encode()))
-                while s.recv(65536):
-                    pass
-            self.assertIsNone(self.line_of(f"t{len(name)}")["token"])
-
-    def test_other_lines_are_json_too(self):
-        [line] = [line for line in self.lines() if "catalogue" in line.get("message", "")]
-        self.assertEqual(set(line), {"time", "level", "message"})
-        self.assertEqual(line["level"], "info")
 
 
 class Turns(unittest.TestCase):

@@ -7,7 +7,7 @@ import time
 import zipfile
 
 import harness
-from harness import Service, WithService, frame_request, sample
+from harness import Service, WithService, frame_request, sample, tearDownModule
 
 MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 1028, 64, 64, 16
 EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
@@ -17,10 +17,6 @@ EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "no
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def head_of(service, request):

@@ -6,7 +6,6 @@ and from published formulae (named where they are used). SELENOGRAPH_BINARY name
 from SELENOGRAPH_SHARED_DATA or, failing that, ../shared/data beside the repository; tests that need it skip without it.
 """
 
-import glob
 import json
 import os
 import re
@@ -62,8 +61,6 @@ def service(name):
             dem = [harness.sample("sample", *harness.PLACE, "--ppd", "256")]
         elif name == "layers":
             dem = [shared("global"), shared("hadley")]
-        elif name == "variants":
-            dem = [shared("labels", "variants")]
         elif name == "void":
             dem = [harness.path("void")]
         else:
@@ -296,24 +293,6 @@ class Geometry(Test):
             wrong = np.sum(np.array([p["lit"] for p in answers]) != f["lit"].ravel())
             self.assertLessEqual(wrong, 2, "lit differs from the frame's")
 
-    def test_rows_with_times_through_calibrated_lenses(self):
-        """A rolling shutter's and a line camera's pixels, projected back at the times of their rows."""
-        size = {"width": 40, "height": 32}
-        for camera in ({**size, "fx": 45.0, "fy": 47.0, "cx": 20.0, "cy": 15.5, "distortion": OPENCV},
-                       {**size, "cahvor": dict(CAHVORE, H=[32.0, 0.2, 20.0], V=[-0.3, 33.0, 15.5])}):
-            for pushbroom in (False, True):
-                shutter = {"line_time_s": 0.02, "velocity_m_s": [0, 300, 1500 if pushbroom else 200], "pushbroom": pushbroom,
-                           "angular_rate_deg_s": [0.5, 0.2, 1.0]}
-                document = request(["geodetic"], camera=camera, shutter=shutter, accuracy={"max_error_px": 0})
-                g = service("sample").arrays(document)["geodetic"].reshape(-1, 3)
-                self.assertFalse(np.isnan(g).any())
-                points = [{"lat_deg": a, "lon_deg": o, "height_m": h} for a, o, h in g.tolist()]
-                answers = service("sample").call("/v1/project", {
-                    "camera": camera, "pose": document["pose"], "shutter": shutter, "points": points})["points"]
-                v, u = np.mgrid[0:32, 0:40]
-                got = np.array([[p["x_px"], p["y_px"]] for p in answers])
-                self.close(got, np.stack([u.ravel(), v.ravel()], -1), 1e-5, f"pushbroom {pushbroom}")
-
     def test_flow_through_calibrated_lenses(self):
         size = {"width": 40, "height": 32}
         moved = {"geodetic": {"lat_deg": LAT + 0.02, "lon_deg": LON - 0.01, "height_m": 14000.0}, "nadir": {"up_azimuth_deg": 7.0}}
@@ -441,16 +420,6 @@ class Errors(Test):
 # --- terrain ---------------------------------------------------------------------------------------------------------
 
 
-def kaguya_posts(folder, pattern=r"N(\d\d)E(\d\d\d)([NS]\d\d)"):
-    """Tile name -> (top latitude, west longitude, heights), as the file names and the README of the data say."""
-    tiles = {}
-    for path in sorted(glob.glob(os.path.join(folder, "*.img"))):
-        found = re.search(pattern, path)
-        posts = np.fromfile(path, ">i2").astype(float)
-        tiles[os.path.basename(path)[:-4]] = (int(found[1]), int(found[2]), posts.reshape(int(len(posts)**0.5), -1))
-    return tiles
-
-
 class SampleTerrain(Test):
     def test_single_and_batch_agree(self):
         status, _, body = service("sample").ask("GET", f"/v1/height?lat_deg={LAT}&lon_deg={LON}")
@@ -461,98 +430,11 @@ class SampleTerrain(Test):
 
 
 class Hadley(Test):
-    @classmethod
-    def setUpClass(cls):
-        cls.tiles = kaguya_posts(shared("hadley"))
-        by_corner = {(top, west): posts for top, west, posts in cls.tiles.values()}
-        rows = [np.hstack([by_corner[top, west] for west in (0, 3, 6, 9)]) for top in (30, 27, 24, 21)]
-        cls.posts = np.vstack(rows)  # 3072 x 3072, the first at 30 N 0 E
-
-    def bilinear(self, lat, lon):
-        r, c = (30 - lat) * 256, lon * 256
-        i, j = np.clip(r.astype(int), 0, 3070), np.clip(c.astype(int), 0, 3070)
-        u, v, m = r - i, c - j, self.posts
-        return m[i, j] * (1 - u) * (1 - v) + m[i + 1, j] * u * (1 - v) + m[i, j + 1] * (1 - u) * v + m[i + 1, j + 1] * u * v
-
-    def test_heights_at_posts(self):
-        rng = np.random.default_rng(1)
-        for name, (top, west, posts) in self.tiles.items():
-            row = np.r_[rng.integers(0, 768, 100), 0, 0, 767, 767]
-            column = np.r_[rng.integers(0, 768, 100), 0, 767, 0, 767]
-            answers = service("hadley").places(top - row / 256, west + column / 256)
-            self.close([a["height_m"] for a in answers], posts[row, column], 0.01, name)
-            self.assertEqual({a["source"] for a in answers}, {name})
-            self.assertFalse(any(a["filled"] for a in answers))
-
-    def test_between_posts_and_between_tiles(self):
-        rng = np.random.default_rng(2)
-        r, c = rng.uniform(0, 3070, 3000), rng.uniform(0, 3070, 3000)
-        r[:800], c[800:1600] = 767 + rng.uniform(0, 1, 800), 1535 + rng.uniform(0, 1, 800)
-        got = service("hadley").heights(30 - r / 256, c / 256)
-        i, j = r.astype(int), c.astype(int)
-        corners = np.stack([self.posts[i, j], self.posts[i + 1, j], self.posts[i, j + 1], self.posts[i + 1, j + 1]])
-        self.assertTrue(np.all((got > corners.min(0) - 0.5) & (got < corners.max(0) + 0.5)), "outside of its four posts")
-        self.assertLess(np.sqrt(np.mean((got - self.bilinear(30 - r / 256, c / 256))**2)), 0.5)
-
-    def test_visibility_behind_a_mountain(self):
-        camera = {"width": 400, "height": 300, "fov_deg": 45.0}
-        pose = {"geodetic": {"lat_deg": 25.6, "lon_deg": 2.9, "height_m": 1500.0},
-                "look_at": {"lat_deg": 26.0, "lon_deg": 4.2, "height_m": 0.0}}
-        seen = service("hadley").arrays({"camera": camera, "pose": pose, "products": ["range"], "accuracy": {"max_error_px": 0}})["range"]
-        lat, lon = [a.ravel() for a in np.meshgrid(np.linspace(25.5, 26.6, 80), np.linspace(3.2, 5.0, 80))]
-        points = [{"lat_deg": a, "lon_deg": o} for a, o in zip(lat.tolist(), lon.tolist())]
-        answers = service("hadley").call("/v1/project", {"camera": camera, "pose": pose, "points": points})["points"]
-        hidden = shown = 0
-        for p in answers:
-            if not p["in_frame"]:
-                self.assertFalse(p["visible"])
-                continue
-            u, v = int(p["x_px"]), int(p["y_px"])
-            around = seen[max(v - 1, 0):v + 3, max(u - 1, 0):u + 3]
-            if np.isnan(around).any():  # a skyline: the nearest pixels say nothing about it
-                continue
-            if p["range_m"] > np.max(around) + 300:
-                hidden += 1
-                self.assertFalse(p["visible"], p)
-            elif np.max(around) - np.min(around) < 300 and abs(p["range_m"] - np.mean(around)) < 150:
-                shown += 1
-                self.assertTrue(p["visible"], p)
-        self.assertGreater(hidden, 50)
-        self.assertGreater(shown, 50)
-
     def test_error_bound_near_the_ground(self):
         """Near the ground the finest posts are all there is: the bound must say so, not be a division by nothing."""
         for height in (5000.0, 0.0, -1500.0, -1800.0):
             f = service("hadley").arrays(request(["range", "gsd"], lat=26.1, lon=3.5, height=height, width=64, rows=64))
             self.assertLessEqual(f["meta"]["lod_error_px"], 0.5, f"at {height} m, lod_error_m {f['meta']['lod_error_m']}")
-
-    def test_everything_in_the_files_can_be_seen(self):
-        """Rays and frames must show each place that has a height, up to the outermost posts."""
-        lat, lon = np.r_[18.05, 18.2, 24.9, 29.9, 24.0, 18.05], np.r_[5.3, 0.2, 11.8, 11.95, 0.05, 11.95]
-        heights = service("hadley").heights(lat, lon)
-        self.assertFalse(np.isnan(heights).any())
-        up = up_at(lat, lon)
-        rays = service("hadley").rays(up * (RADIUS_M + 20000), -up)
-        self.assertEqual([(a, o) for a, o, r in zip(lat, lon, rays) if not r["hit"]], [], "places with a height that rays pass")
-
-    def test_the_data_do_not_shrink_with_distance(self):
-        for height, fov in ((400000.0, 60.0), (3000000.0, 12.0)):
-            f = service("hadley").arrays(request(["geodetic"], lat=24.0, lon=6.0, height=height, width=200, rows=200, fov=fov))
-            lat, lon = f["geodetic"][..., 0], f["geodetic"][..., 1]
-            edges = [np.nanmin(lat), np.nanmax(lat), np.nanmin(lon), np.nanmax(lon)]
-            self.close(edges, [18, 30, 0, 12], 0.3, f"from {height} m are seen {np.round(edges, 2)}, of 18..30 N and 0..12 E")
-
-
-class LabelVariants(Test):
-    """Each tile is a ramp, 10 * row + column, 10 posts per degree, with a void of 2 x 2 posts in its first corner."""
-
-    def test_outermost_posts(self):
-        """Posts of a tile's north and west border have values also where no neighbour is.
-
-        South of the equator only every fifth: the mesh's edges are great circles, south of the parallel between vertices.
-        """
-        answers = service("variants").places([27.0, 26.0, 27.0, -69.0, -70.0], [4.0, 3.0, 304.1, 303.5, 303.0])
-        self.close([np.nan if a["height_m"] is None else a["height_m"] for a in answers], [10, 100, 11, 5, 100], 0.01)
 
 
 class Void(Test):
@@ -582,23 +464,6 @@ class Void(Test):
 
     def at(self, row, column):
         return service("void").places(12 - row / 256, 30 + column / 256)[0]
-
-    def test_a_large_void_is_null(self):
-        answer = self.at(360, 360)
-        self.assertIsNone(answer["height_m"])
-        self.assertTrue(answer["reason"])
-        self.close(self.at(299, 299)["height_m"], self.posts[299, 299], 0.01)
-        p = service("void").call("/v1/project", {"camera": {"width": 9, "height": 9, "fov_deg": 40.0},
-                                                "pose": {"geodetic": {"lat_deg": 10.6, "lon_deg": 31.4, "height_m": 20000.0}, "nadir": {}},
-                                                "points": [{"lat_deg": 12 - 360 / 256, "lon_deg": 30 + 360 / 256}]})["points"][0]
-        self.assertIsNone(p["height_m"])
-        self.assertTrue(p["reason"])
-        self.assertFalse(p["visible"])
-
-    def test_a_small_void_is_filled_and_says_so(self):
-        answer = self.at(101, 101)
-        self.assertTrue(answer["filled"])
-        self.assertTrue(-300 <= answer["height_m"] <= 300, answer)
 
     def test_a_void_is_no_larger_in_frames_than_in_the_file(self):
         for height, fov in ((60000.0, 60.0), (300000.0, 30.0)):
@@ -631,51 +496,6 @@ class Void(Test):
         self.assertEqual(f["meta"]["hit_fraction"], 1.0)
         self.assertNotIn("Selenograph-Missing-Fraction", f["headers"])
         self.assertGreater(f["meta"]["filled_fraction"], 0.001)
-
-
-class WholeMoon(Test):
-    """LDEM_4: 4 pixels per degree of the whole Moon."""
-
-    @classmethod
-    def setUpClass(cls):  # the label: LSB_INTEGER, height = DN * 0.5, 720 x 1440, centre longitude 180
-        cls.posts = np.fromfile(shared("ldem_4", "LDEM_4.IMG"), "<i2").reshape(720, 1440) * 0.5
-
-    def test_heights_at_pixel_centres(self):
-        """Pixel is area: the value belongs to the centre, half a pixel inside the corner."""
-        rng = np.random.default_rng(3)
-        rows, columns = self.posts.shape
-        step = 360 / columns
-        row, column = rng.integers(0, int(55 / step), 3000), rng.integers(0, columns, 3000)
-        row[1500:] += int(80 / step)  # the north down to 35 N, the rest from 10 N
-        got = service("ldem_4").heights(90 - (row + 0.5) * step, (column + 0.5) * step)
-        error = got - self.posts[row, column]
-        self.assertFalse(np.isnan(error).any())
-        share = f"rms {np.sqrt(np.mean(error**2)):.2f} m, 99 % {np.percentile(abs(error), 99):.1f} m"
-        # Poleward of 75.5 degrees the mesh gives up posts in longitude, where they lie closer than along a meridian.
-        polar = np.abs(90 - (row + 0.5) * step) > 75.5
-        self.assertLessEqual(np.abs(error[~polar]).max(), 0.01, share)
-        self.assertLessEqual(np.sqrt(np.mean(error[polar] ** 2)), 3, share)
-
-    def test_date_line_and_prime_meridian(self):
-        lat = np.array([-89.5, -60.3, 0.0, 12.34567, 85.0, 89.5])
-        for a, b in ((180, -180), (0, 360)):
-            self.close(service("ldem_4").heights(lat, a), service("ldem_4").heights(lat, b), 0)
-        for a, b in ((179.9999999, -179.9999999), (-1e-7, 1e-7), (359.9999999, 0)):
-            self.close(service("ldem_4").heights(lat, a), service("ldem_4").heights(lat, b), 0.01)
-        rows, columns = self.posts.shape
-        step = 360 / columns
-        for row in (rows // 5, rows // 2, rows - 40):  # between the last and the first column lies their mean, at least nearly
-            got = service("ldem_4").heights(90 - (row + 0.5) * step, 0.0)[0]
-            values = self.posts[row, [0, -1]]
-            self.assertTrue(values.min() - 60 <= got <= values.max() + 60, (got, values))
-
-    def test_rays_at_the_poles(self):
-        lon = np.arange(-180.0, 180.0, 15.0)
-        for lat in (90.0, 89.9999, 89.99, 89.9, -90.0, -89.9999, -89.99, -89.9):
-            up = up_at(np.full_like(lon, lat), lon)
-            rays = service("ldem_4").rays(up * (RADIUS_M + 20000), -up)
-            self.assertEqual([o for o, r in zip(lon, rays) if not r["hit"]], [], f"rays pass the Moon at {lat}")
-            self.close([20000 - r["range_m"] for r in rays], service("ldem_4").heights(lat, lon), 0.01, str(lat))
 
 
 class Layers(Test):

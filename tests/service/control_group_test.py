@@ -10,7 +10,7 @@ import random
 import unittest
 
 import harness
-from harness import PLACE, PRODUCTS, Service, frame_request
+from harness import PLACE, PRODUCTS, Service, frame_request, tearDownModule
 
 SIDES_PX = ((4096, 2048), (2048, 2048), (1024, 1024), (512, 512))
 AT_ONCE = 6
@@ -52,10 +52,6 @@ def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE, "--ppd", "256")
     harness.assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def bodies_of(count):

@@ -200,14 +200,6 @@ class DataErrors(unittest.TestCase):
             self.assert_same(after, before)
             self.assert_alive(service)
 
-    def test_a_mended_tile_is_used_again(self):
-        with self.terrain(1) as folder:
-            service = self.start("fail")
-            with self.taken_away(folder):
-                self.assert_problem("frames", service.frame(frame_request()))
-            self.assertEqual(service.frame(frame_request())[0], 200)
-            self.assert_alive(service)
-
     def test_fall_through_is_not_cached(self):
         """The tile comes back as it was and the service starts again: nothing of the layer below may be left in the pyramid."""
         with self.terrain(2) as folder:

@@ -268,24 +268,6 @@ class Detail(unittest.TestCase):
         finally:
             again.expect_clean_stop()
 
-    def test_ground_on_the_disk_is_the_same(self):
-        """As made, when it is put there, and when a later service reads it."""
-        request = self.request(("radiance", "position", "detail", "albedo"), detail="bright")
-        expected = self.service.arrays(request)["body"]
-        folder, counts = harness.path("own", "ground"), []
-        for _ in range(2):
-            service = harness.Service("--assets-dir", harness.path("assets"), "--ground-disk-mb", "64", cache="own")
-            self.assertEqual(service.arrays(request)["body"], expected)
-            service.expect_clean_stop()
-            counts.append(sum(len(files) for _, _, files in os.walk(folder)))
-        self.assertGreater(counts[0], 10)
-        self.assertEqual(counts[1], counts[0])
-        off = harness.Service("--assets-dir", harness.path("assets"), "--ground-disk-mb", "0", cache="off")
-        self.assertEqual(off.arrays(request)["body"], expected)
-        off.expect_clean_stop()
-        self.assertFalse(os.path.exists(harness.path("off", "ground")))
-        self.assertTrue(os.path.exists(harness.path("cache", "ground")), "on by default")
-
     def test_refusals(self):
         answer = self.service.frame(self.request(("radiance",), detail="none"))
         self.assertEqual(answer[0], 422)

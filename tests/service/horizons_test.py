@@ -12,13 +12,14 @@ import numpy as np
 from osgeo import gdal
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 gdal.UseExceptions()
 
 RADIUS_M = 1737400.0
 PLACE = {"lat_deg": -6.5, "lon_deg": 40.0}
 SIDE_M = 3200 if harness.full_effort() else 1600
+EYES = 40 if harness.full_effort() else 16
 AREA = {"projection": "orthographic", "center": PLACE, "width_m": SIDE_M, "height_m": SIDE_M, "gsd_m": 50}
 HORIZON = {"azimuths": 720, "farthest_km": 60}
 
@@ -26,10 +27,6 @@ HORIZON = {"azimuths": 720, "farthest_km": 60}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-8", "--west-deg", "39", "--rows", "2", "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Horizons(unittest.TestCase):
@@ -164,14 +161,14 @@ class Horizons(unittest.TestCase):
         random = np.random.default_rng(7)
         offsets_deg = np.array([-0.1, -0.015, -0.005, 0.005, 0.015, 0.03, 0.1])
         horizon = {**HORIZON, "azimuths": 16, "height_above_ground_m": 2}
-        places = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(random.uniform(-7.5, -6.5, 40), random.uniform(39.5, 40.5, 40))]
+        places = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(random.uniform(-7.5, -6.5, EYES), random.uniform(39.5, 40.5, EYES))]
         wrong = self.on_the_wrong_side(self.service, places, horizon, offsets_deg)
         self.assertEqual(wrong[:3].max(), 0)
         self.assertLess(wrong[4], 0.2)
         self.assertLess(wrong[6], 0.01)
 
         # Some of these eyes stand on crests between triangles, which cells of the horizons' relief round.
-        on_crests = [{"lat_deg": -7 + lat, "lon_deg": 40 + lon} for lat, lon in np.random.default_rng(7).uniform(-0.02, 0.02, (40, 2))]
+        on_crests = [{"lat_deg": -7 + lat, "lon_deg": 40 + lon} for lat, lon in np.random.default_rng(7).uniform(-0.02, 0.02, (EYES, 2))]
         self.assertEqual(self.on_the_wrong_side(self.service, on_crests, horizon, offsets_deg)[:3].max(), 0)
 
         if harness.full_effort():
@@ -180,7 +177,7 @@ class Horizons(unittest.TestCase):
             self.skipTest("no shared data")
         service = Service(dem=os.path.join(polar, "mesh_2km_5mpix.tif"), cache="polar")
         places = [{"lat_deg": -84.19055 + lat, "lon_deg": 86.58583 + lon}
-                  for lat, lon in zip(random.uniform(-0.012, 0.012, 40), random.uniform(-0.12, 0.12, 40))]
+                  for lat, lon in zip(random.uniform(-0.012, 0.012, EYES), random.uniform(-0.12, 0.12, EYES))]
         wrong = self.on_the_wrong_side(service, places, {**horizon, "farthest_km": 3}, offsets_deg)
         self.assertEqual(wrong[:3].max(), 0)
         self.assertLess(wrong[4], 0.05)
@@ -194,7 +191,7 @@ class Horizons(unittest.TestCase):
         up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
         east = np.array([-np.sin(lon), np.cos(lon), 0])
         places, elevations_deg = [], []
-        for row, column in random.integers(0, side, (60, 2)):
+        for row, column in random.integers(0, side, (EYES, 2)):
             east_m, north_m = (column + 0.5 - side / 2) * gsd_m, (side / 2 - row - 0.5) * gsd_m
             x, y, z = east_m * east + north_m * np.cross(up, east) + np.sqrt(RADIUS_M**2 - east_m**2 - north_m**2) * up
             places.append({"lat_deg": float(np.degrees(np.arcsin(z / RADIUS_M))), "lon_deg": float(np.degrees(np.arctan2(y, x)))})
@@ -255,11 +252,6 @@ class Horizons(unittest.TestCase):
         self.assertEqual(cog.validate(harness.path("tiles/tile-00001-00001.tif"))[1], [])
         harness.write("large.json", {**body, "horizon": {**body["horizon"], "azimuths": 18}})
         self.assertIn("tiles of another request", make("0/2").stderr)
-
-    def test_from_above_the_horizon_dips(self):
-        low, high = (self.ask("/v1/horizons", {"places": [PLACE], "horizon": {**HORIZON, "azimuths": 16, "height_above_ground_m": h}})
-                     ["places"][0]["elevation_deg"] for h in (0, 3000))
-        self.assertTrue(all(a > b for a, b in zip(low, high)))
 
     def test_series_and_statistics(self):
         body = {"places": [PLACE, {"lat_deg": -6.6, "lon_deg": 40.2}], "from_utc": "2026-11-20T00:00:00Z",

@@ -77,24 +77,6 @@ class LinesOfSightTest(unittest.TestCase):
             self.assertLess(np.nanmedian(apart_px), 0.002)
             self.assertEqual(table["meta"]["request"]["camera"]["lines_of_sight"], "calibrated")
 
-    def test_landmarks_are_the_lens_s(self):
-        place = frame_request()
-        landmarks = [{"lat_deg": 0.1 + 0.03 * i, "lon_deg": 30.1 - 0.04 * i, "height_m": 0} for i in range(-3, 4)]
-        lens, table = (json.loads(self.service.post("/v1/project", {"camera": camera, "pose": place["pose"],
-                                                                       "points": landmarks})[2])
-                       for camera in (LENS, TABLE))
-        for a, b in zip(lens["points"], table["points"]):
-            self.assertAlmostEqual(a["x_px"], b["x_px"], 2)
-            self.assertAlmostEqual(a["y_px"], b["y_px"], 2)
-
-    def test_a_changed_table_changes_the_frame(self):
-        directions = lens_directions()
-        write_table("changing", directions)
-        request = frame_request(("position",), camera=TABLE | {"lines_of_sight": "changing"})
-        before = self.service.arrays(request)["position"]
-        write_table("changing", directions + [0.05, 0, 0])
-        self.assertGreater(np.nanmedian(np.linalg.norm(self.service.arrays(request)["position"] - before, axis=-1)), 500)
-
     def test_refusals_name_the_member_or_the_file(self):
         mirrored = lens_directions() * [-1, 1, 1]
         write_table("mirrored", mirrored)

@@ -11,7 +11,7 @@ import threading
 import unittest
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 from mixture import PLACE, Mixture
 
 CLIENTS = 6
@@ -24,10 +24,6 @@ def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
     harness.assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Load(unittest.TestCase):

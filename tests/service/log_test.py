@@ -8,7 +8,7 @@ import tempfile
 import unittest
 
 import harness
-from harness import Service, frame_request
+from harness import Service, frame_request, tearDownModule
 
 MAP = {"map": {"projection": "equirectangular", "bounds": {"south_deg": 0, "north_deg": 0.1, "west_deg": 30, "east_deg": 30.1},
                "gsd_m": 1000}, "products": ["height"]}
@@ -18,10 +18,6 @@ HANG_S = 60
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def full_pipe():

@@ -195,12 +195,6 @@ class Maps(harness.WithService):
             self.assertEqual(answer["height"].shape, (3, 1))
             self.assertEqual(any("less than gsd_m" in text for text in answer["meta"]["warnings"]), warned)
 
-    def test_source_alone(self):
-        tiff = Tiff(self.map(map_request(PLACES["orthographic"], "source"), "image/tiff"))
-        self.assertEqual(tiff.bands["source"].dtype, np.uint16)
-        self.assertEqual(tiff.band("source").GetNoDataValue(), 65535)
-        self.assertEqual(set(tiff.bands["source"].ravel()), {0})
-
     def test_slope_of_an_inclined_plane(self):
         """r = R + a phi: the slope's tangent is a / r."""
         area = {"projection": "equirectangular", "gsd_m": 250.0, "bounds": {
@@ -300,27 +294,6 @@ class OfRelief(harness.WithService):
         lat, lon = tiff.lat_lon()
         some = np.random.default_rng(1).choice(lat.size, 200, replace=False)
         return lat.ravel()[some], lon.ravel()[some], {name: values.ravel()[some] for name, values in tiff.bands.items()}
-
-    def test_heights_and_projected_places(self):
-        for name, area in PLACES.items():
-            if not harness.full_effort() and name not in ("equirectangular", "polar, date line"):
-                continue
-            with self.subTest(name):
-                lat, lon, map_ = self.sampled(area, "height")
-                places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
-                heights = self.ok_json(self.service.post("/v1/heights", {"points": places}))["points"]
-                np.testing.assert_allclose(map_["height"], [p["height_m"] for p in heights], rtol=0, atol=0.01)
-                # Seen by a camera as sharp as the map, 45 degrees off the vertical.
-                up = vector(lat.mean(), lon[0])
-                camera = {"width": 1000, "height": 1000, "fov_deg": math.degrees(2 * math.atan(0.5))}
-                place = up * RADIUS_M + 1e5 * (up + np.cross(up, [0.6, 0.0, 0.8]))
-                pose = {"position_m": place.tolist(), "look_at": {"lat_deg": lat.mean(), "lon_deg": lon[0], "up": [0.48, 0.6, 0.64]}}
-                request = {"camera": camera, "pose": pose}
-                here = [dict(p, height_m=float(h)) for p, h in zip(places, map_["height"])]
-                seen = self.ok_json(self.service.post("/v1/project", {**request, "points": places}))["points"]
-                ours = self.ok_json(self.service.post("/v1/project", {**request, "points": here}))["points"]
-                off = [math.hypot(a["x_px"] - b["x_px"], a["y_px"] - b["y_px"]) for a, b in zip(seen, ours)]
-                self.assertLess(max(off), 0.01)
 
     def test_a_map_of_heights_is_a_dem(self):
         """Read back, it has the heights that it was made of, to what `info --resampling` says."""

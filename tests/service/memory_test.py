@@ -13,7 +13,7 @@ import statistics
 import unittest
 
 import harness
-from harness import Service, frame_request, run
+from harness import Service, frame_request, run, tearDownModule
 
 FRAMES = int(os.environ.get("MEMORY_FRAMES", "500"))
 REVOLUTION = 125  # frames until the track is back at its start: the first one warms up
@@ -25,10 +25,6 @@ MEBI = 1 << 20
 
 def setUpModule():
     harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def request(box, i):

@@ -10,7 +10,7 @@ import subprocess
 import unittest
 
 import harness
-from harness import REPOSITORY, Service, frame_request
+from harness import REPOSITORY, Service, frame_request, tearDownModule
 
 OPERATION = os.path.join(REPOSITORY, "deploy", "operation")
 DASHBOARD = os.path.join(OPERATION, "grafana", "selenograph.json")
@@ -119,10 +119,6 @@ def setUpModule():
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "1", "--ppd", "64")
 
 
-def tearDownModule():
-    harness.tear_down()
-
-
 class Monitoring(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -155,17 +151,6 @@ class Monitoring(unittest.TestCase):
         shown = {name for expression in dashboard_expressions() for name, _ in selectors(expression)}
         shown |= {name.replace("_bucket", part) for name in shown if name for part in ("_sum", "_count")}
         self.assertEqual(set(self.there) - shown, {"process_start_time_seconds"})
-
-    def test_the_panels_do_not_overlap(self):
-        with open(DASHBOARD) as file:
-            panels = json.load(file)["panels"]
-        self.assertEqual(len({panel["id"] for panel in panels}), len(panels))
-        taken = set()
-        for panel in panels:
-            at = panel["gridPos"]
-            cells = {(x, y) for x in range(at["x"], at["x"] + at["w"]) for y in range(at["y"], at["y"] + at["h"])}
-            self.assertFalse(cells & taken, panel["title"])
-            taken |= cells
 
     def test_both_sides_of_a_comparison_have_the_same_labels(self):
         """Else it is of nothing, and never true."""

@@ -4,7 +4,6 @@
 Python's standard library only.
 """
 
-import json
 import harness
 from harness import frame_request, Service, tearDownModule
 
@@ -47,13 +46,6 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_wasted_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_without_poses_ahead_nothing_is_prepared(self):
-        service = Service(cache="alone")
-        for step in range(3):
-            self.answer(service, request_at(step))
-        self.assertEqual(service.metric("selenograph_prefetched_scenes_total"), 0)
-        self.assertEqual(service.stop(), 0)
-
     def test_faults_point_at_their_member(self):
         service = self.service
         self.problem(service.frame(request_at(0, ahead=[])), 422, "/ahead")
@@ -63,11 +55,6 @@ class Flight(harness.WithService):
         # Where no camera can be is no fault of this frame.
         below = {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": -9000}, "nadir": {}}
         self.answer(service, request_at(0, ahead=[below]))
-
-    def test_metadata_are_unchanged(self):
-        status, headers, _ = self.service.frame(dict(request_at(0, ahead=[pose(1)]), products=["radiance"]), "application/octet-stream")
-        self.assertEqual(status, 200)
-        self.assertNotIn("ahead", json.loads(headers["Selenograph-Meta"])["request"])
 
 
 if __name__ == "__main__":

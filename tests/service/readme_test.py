@@ -12,7 +12,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import tempfile
 import unittest
 
 import harness
@@ -33,37 +32,6 @@ CHEAPER = {
 # Commands of the project that are not run, and why.
 NOT_RUN = {"deploy/quickstart": "installs packages; its service is what this test starts",
            "deploy/test": "runs this test"}
-
-
-class Scripts(unittest.TestCase):
-    """deploy/build and deploy/quickstart in a copy of their own, with a stand-in for cmake."""
-
-    def script(self, name, *arguments):
-        with tempfile.TemporaryDirectory() as root:
-            shutil.copytree(os.path.join(REPOSITORY, "deploy"), os.path.join(root, "deploy"),
-                            ignore=shutil.ignore_patterns("navigation", "examples"))
-            with open(os.path.join(root, "cmake"), "w") as file:
-                file.write('#!/bin/sh\necho "$@" >> "$0.log"\n')
-            os.chmod(file.name, 0o755)
-            done = subprocess.run([os.path.join(root, "deploy", name), *arguments], cwd=root, stdout=subprocess.PIPE,
-                                  stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S,
-                                  env={**os.environ, "PATH": f"{root}:{os.environ['PATH']}"})
-            told = ""
-            if os.path.exists(file.name + ".log"):
-                with open(file.name + ".log") as file:
-                    told = file.read().replace(root + "/", "")
-            return done.returncode, done.stderr, told
-
-    def test_the_build_folder_may_be_left_out(self):
-        for arguments, folder in ((("-DX=1",), "build"), (("other", "-DX=1"), "other"), ((), "build")):
-            status, error, told = self.script("build", *arguments)
-            self.assertEqual((status, error), (0, ""))
-            self.assertIn(f" -B {folder} ", told)
-            self.assertEqual(" -DX=1\n" in told, bool(arguments), told)
-
-    def test_ports_that_are_none(self):
-        for port in ("0", "x", ""):
-            self.assertEqual(self.script("quickstart", "--port", port), (2, "--port takes a number from 1 to 65535\n", ""))
 
 
 def blocks(page):

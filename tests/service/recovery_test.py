@@ -5,7 +5,6 @@ Every round compares with the bytes that a clean cache gave. Python's standard l
 """
 
 import contextlib
-import io
 import json
 import os
 import random
@@ -14,8 +13,6 @@ import signal
 import subprocess
 import time
 import unittest
-
-import numpy as np
 
 import harness
 from harness import BINARY, frame_request, PATIENCE_S, run, Service, tearDownModule
@@ -160,14 +157,6 @@ class Killed(Recovery):
         print(f"{unfinished} of {KILLS} were killed before the pyramid was complete", end=" ", flush=True)
         self.assertGreaterEqual(unfinished, KILLS // 4)  # else the moments were not what they are meant to be
 
-    def test_again_and_again_over_one_cache(self):
-        """Each life gets a little further, and the last one gets there."""
-        with cache_folder("mortal") as cache:
-            moments = random.Random(SEED + 1)
-            for _ in range(min(5, KILLS)):
-                self.kill_ingest(cache, 0.1 + 0.3 * moments.random())
-            self.recover(cache)
-
     def test_in_the_middle_of_a_write(self):
         with cache_folder("torn") as cache:
             command = [BINARY, "ingest", "--cache-dir", cache, "--dem", DEM]
@@ -176,15 +165,6 @@ class Killed(Recovery):
                     pass
                 process.kill()
             self.recover(cache)
-
-    def test_torn_file_of_an_earlier_process_with_the_same_number(self):
-        """In a container every life of the service is process 1."""
-        torn = harness.path("numbered", min(FILES) + ".tmp-{}-0")
-        with cache_folder("numbered", copy_of="reference") as cache:
-            command = [BINARY, "ingest", "--cache-dir", cache, "--dem", DEM]
-            plant = ["sh", "-c", f'echo torn > "{torn.format("$$")}" && exec "$@"', "sh", *command]
-            subprocess.run(plant, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            self.assertEqual(temporaries(cache), [])
 
 
 class Interrupted(Recovery):
@@ -223,22 +203,6 @@ class Interrupted(Recovery):
                     break
             else:
                 self.fail("it was always done before the signal came")
-
-
-def flipped(content, positions):
-    damaged = bytearray(content)
-    for position in positions:
-        damaged[position] ^= 0x10
-    return bytes(damaged)
-
-
-# dem/pyramid/chunk_format.h. The header's last two numbers are those of index records and of bytes of names.
-HEADER_BYTES, RECORD_BYTES = 64, 56
-
-
-def first_record(content):
-    records, names = (int.from_bytes(content[at:at + 4], "little") for at in (56, 60))
-    return HEADER_BYTES + records * RECORD_BYTES + names
 
 
 class Damaged(Recovery):
@@ -282,58 +246,6 @@ class Damaged(Recovery):
             shutil.copyfile(os.path.join(cache, other), os.path.join(cache, self.fine))
             self.assert_same(self.render(cache), ANSWERS[1], "another answer than with a clean cache")
             self.assert_complete(cache)
-
-
-class Sealed(unittest.TestCase):
-    """A cache that the service may not write, or not even read, costs time and not answers."""
-
-    def setUp(self):
-        # Root may do anything: the service then runs as nobody.
-        self.user = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
-        os.chmod(harness.path(), 0o755)
-        try:
-            able = run("--version", **self.user).returncode == 0
-        except PermissionError:
-            able = False
-        if not able:
-            self.skipTest("the executable can't be run by another user than root")
-
-    @contextlib.contextmanager
-    def sealed(self, cache, file_mode):
-        for folder, _, names in os.walk(cache, topdown=False):
-            for name in names:
-                os.chmod(os.path.join(folder, name), file_mode)
-            os.chmod(folder, 0o555)
-        try:
-            yield
-        finally:
-            for folder, _, _ in os.walk(cache):
-                os.chmod(folder, 0o755)
-
-    def assert_right(self, cache):
-        """Of the arrays, and not of the bytes: that a cache can't be written is among the frame's warnings."""
-        with cache_folder("output") as folder:
-            os.chmod(folder, 0o777)
-            request, output = os.path.join(folder, "near.json"), os.path.join(folder, "near.npz")
-            with open(request, "w") as file:
-                json.dump(NEAR, file)
-            done = run("ask", "frames", request, "-o", output, "--cache-dir", cache, "--dem", DEM, **self.user)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            with np.load(output, allow_pickle=False) as got, np.load(io.BytesIO(ANSWERS[1]), allow_pickle=False) as wanted:
-                for name in PRODUCTS:
-                    np.testing.assert_array_equal(got[name], wanted[name], err_msg=name)
-
-    def test_complete(self):
-        with cache_folder("sealed", copy_of="reference") as cache, self.sealed(cache, 0o444):
-            self.assert_right(cache)
-
-    def test_damaged_records(self):
-        with cache_folder("sealed", copy_of="reference") as cache:
-            for name, content in FILES.items():
-                with open(os.path.join(cache, name), "wb") as file:
-                    file.write(flipped(content, range(first_record(content), len(content), 64)))
-            with self.sealed(cache, 0o444):
-                self.assert_right(cache)
 
 
 if __name__ == "__main__":

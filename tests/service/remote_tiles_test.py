@@ -13,7 +13,7 @@ import threading
 import unittest
 
 import harness
-from harness import Service
+from harness import Service, tearDownModule
 
 SIDE, TILED = 512, 128  # posts of a tile, and of one of the blocks within
 
@@ -104,10 +104,6 @@ def setUpModule():
     os.makedirs(harness.path("disk"))
     with open(harness.path("disk/moon.tif"), "wb") as f:
         f.write(tiff())
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class RemoteTiles(unittest.TestCase):

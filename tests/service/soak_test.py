@@ -23,7 +23,7 @@ import types
 import unittest
 
 import harness
-from harness import Service, frame_request
+from harness import Service, frame_request, tearDownModule
 from mixture import PLACE, Mixture
 
 REQUESTS = int(os.environ.get("SOAK_REQUESTS", "300"))
@@ -43,10 +43,6 @@ def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
     harness.assets()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def raw(method, path, headers, body):

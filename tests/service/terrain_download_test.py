@@ -15,7 +15,7 @@ import unittest
 from osgeo import gdal
 
 import harness
-from harness import REPOSITORY, Service, frame_request
+from harness import REPOSITORY, Service, frame_request, tearDownModule
 
 TOOL = os.path.join(REPOSITORY, "deploy", "terrain")
 NAME = "DTM_MAP_01_N01E030N00E031SC"
@@ -123,10 +123,6 @@ class Handler(http.server.BaseHTTPRequestHandler):
 def setUpModule():
     harness.set_up()
     harness.sample("tile", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "4096")
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Downloads(unittest.TestCase):

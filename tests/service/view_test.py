@@ -171,11 +171,6 @@ class View(unittest.TestCase):
         self.assertEqual((high["visible"], high["lit"]), (True, 1.0))
         self.assertEqual((unknown["height_m"], unknown["lit"]), (None, None))
 
-    def test_nothing_lit_says_where_the_sun_stands(self):
-        sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
-        said = self.warned(nadir(), sun=sun)
-        self.assertIn("nothing in view is lit (view.sun:", said)
-
     def test_the_inverse_of_an_attitude_that_sees_the_limb(self):
         """A boresight in the sky and some ground in the image: the inverse is named where it clearly sees more ground."""
         there = cartesian(LAT, LON, 20000.0)
@@ -215,10 +210,6 @@ class View(unittest.TestCase):
             texts = [self.ask(products=("image", "radiance"), **one)[1]["warnings"] for one in changes]
             self.assertTrue(texts[0], changes)
             self.assertEqual(texts[0], texts[1])
-
-    def test_a_band_in_nanometres(self):
-        self.assertIn("nanometres", self.warned(nadir(), band={"center_um": 550.0, "width_um": 100.0}))
-        self.assertEqual(self.warned(nadir(), band={"center_um": 0.55, "width_um": 0.1}, surface={"preset": "moon"}), "")
 
     def test_the_default_reflectance_in_absolute_units(self):
         band = {"band": {"center_um": 0.55, "width_um": 0.1}}

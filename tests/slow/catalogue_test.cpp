@@ -55,16 +55,6 @@ class WholeMoon : public ::testing::Test {
   static inline test::TemporaryFolder* folder_ = nullptr;
 };
 
-TEST_F(WholeMoon, AChangedFileIsAnotherCatalogue) {
-  const dem::Catalogue first = opened();
-  EXPECT_EQ(first.rasters().size(), 64800U + kSites);
-  EXPECT_EQ(opened().fingerprint(), first.fingerprint());
-  const std::string changed = path("tiles/DTM_MAP_01_N14E020N13E021SC.img");
-  fs::resize_file(changed, fs::file_size(changed) + 1);
-  EXPECT_NE(opened().fingerprint(), first.fingerprint());
-  fs::resize_file(changed, fs::file_size(changed) - 1);
-}
-
 // The same sixteen tiles are seen, with a ring of neighbours around them or among all of the Moon.
 TEST_F(WholeMoon, AFrameCostsAsMuchAsWithSixteenTiles) {
   const auto terrain_of = [](std::vector<dem::RasterInfo> rasters) {

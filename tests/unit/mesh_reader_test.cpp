@@ -18,6 +18,7 @@
 #include "api/assets/assets.h"
 #include "api/message/problem.h"
 #include "dem/base/error.h"
+#include "tests/support/effort.h"
 #include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"
@@ -168,16 +169,28 @@ TEST_F(MeshFiles, DamagedAnswersAreRefused) {
   expect_within(fault_of(path, options), "damaged");
 }
 
-// Whatever is done to a file, it is a mesh or an error that names it.
+// Whatever is done to a file, it is a mesh or an error that names it. Of thousands some end their reader.
 TEST_F(MeshFiles, DamagedFilesAreMeshesOrErrors) {
-  std::mt19937 random(1);
-  int errors = 0;
-  for (int i = 0; i < 10; ++i) {
-    const bool ply = i % 2 == 0;
-    const std::string content = test::mutated(ply ? test::ply_file(true) : test::gltf_file(), random);
-    errors += !fault_of(write(ply ? "m.ply" : "m.gltf", content)).empty();
+  std::ifstream satellite(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj");
+  const std::pair<const char*, std::string> files[] = {{"m.ply", test::ply_file(true)},
+                                                       {"m.gltf", test::gltf_file()},
+                                                       {"m.ply", test::ply_file(false)},
+                                                       {"m.obj", {std::istreambuf_iterator<char>(satellite), {}}},
+                                                       {"m.gltf", test::gltf_of_instances(3, 5)}};
+  std::mt19937 random(7);
+  const int damaged = test::full_effort() ? 3000 : 10;
+  int errors = 0, crashes = 0;
+  for (int i = 0; i < damaged; ++i) {
+    const auto& [name, content] = files[static_cast<std::size_t>(i) % std::size(files)];
+    const std::string fault = fault_of(write(name, test::mutated(content, random)));
+    errors += !fault.empty();
+    crashes += fault.find("its reader ended with") != std::string::npos;
   }
-  EXPECT_GT(errors, 2);
+  EXPECT_GT(errors, damaged / 6);
+  EXPECT_LT(errors, damaged);
+  if (test::full_effort()) {
+    EXPECT_GT(crashes, 0) << "of the library, or this doesn't test what it should";
+  }
 }
 
 // --- the assets folder

@@ -1130,21 +1130,6 @@ TEST_F(RasterTest, TruncatedGeoTiff) {
   EXPECT_TRUE(threw);
 }
 
-TEST_F(RasterTest, ChangedSinceInspection) {
-  write(file("t.tif"), Tif{});
-  RasterInfo info = inspect_raster(file("t.tif"));
-  info.stamp += 1;
-  EXPECT_DATA_ERROR(Raster{info}, "changed");
-}
-
-TEST_F(RasterTest, Garbage) {
-  for (const char* name : {"g.lbl", "g.tif", "g.vrt", "g.img", "g.png"}) {
-    std::ofstream(file(name)) << "This is not a terrain model.";
-    EXPECT_THROW(inspect_raster(file(name)), DataError) << name;
-  }
-  EXPECT_DATA_ERROR(inspect_raster(file("g.lbl")), "not a valid PDS3 label");
-}
-
 TEST_F(RasterTest, RejectsRastersThatAreNotLunarHeights) {
   const auto refused = [&](const Tif& t, const char* why) {
     write(file("r.tif"), t);

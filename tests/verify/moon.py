@@ -103,7 +103,7 @@ def disc_reflectance(service, surface, wavelength_um, sun_lon_deg, distance_m, s
     return moonlight / arrays["meta"]["solar_irradiance"]["value_w_m2"]
 
 
-def discs_on_sphere(sphere):
+def discs_on_sphere(sphere, phases_deg):
     """Rows of all models, from so far away that the phase angle is the same all over.
 
     `moon` is rendered in all bands of ROLO and LIME, other presets in LIME's, a model without a spectrum in one."""
@@ -116,7 +116,7 @@ def discs_on_sphere(sphere):
                                 {"samples_per_pixel": 16, "max_error_px": 2})
 
     bands_um = {name: all_um if name == "moon" else lime_um if name in PRESETS else lime_um[:1] for name in MODELS}
-    tasks = [(name, um, g) for name, bands in bands_um.items() for um in bands for g in PHASES_DEG
+    tasks = [(name, um, g) for name, bands in bands_um.items() for um in bands for g in phases_deg
              if "sato" not in name or first <= um <= last]
     with concurrent.futures.ThreadPoolExecutor(4) as threads:
         found = list(threads.map(frame, *zip(*tasks)))
@@ -264,6 +264,7 @@ def main():
     parser.add_argument("--width-m", type=float, default=20e3, help="width of the ground at --center")
     parser.add_argument("--detail", metavar="NAME", help="detail of the assets folder at --center")
     parser.add_argument("--size-px", type=int, default=256, help="side of frames of terrain")
+    parser.add_argument("--phases-of-table", action="store_true", help="no discs but those that the tables show")
     terrain_service.add_options(parser)
     options = parser.parse_args()
     if not options.dem and (options.images or options.center or options.albedo_maps):
@@ -283,7 +284,8 @@ def main():
             discs = discs_on_terrain(service, surface, options.size_px)
         if options.images:
             images, controls, spread_px = moon_images.compare_images(service, sphere, options, surface)
-    discs = discs_on_sphere(sphere) + discs
+    shown_deg = [g for g in PHASES_DEG if g in TERRAIN_PHASES_DEG]
+    discs = discs_on_sphere(sphere, shown_deg if options.phases_of_table else PHASES_DEG) + discs
     for name, rows in (("disc", discs), ("relief", relief), ("images", images)):
         write_csv(options.output / f"{name}.csv", rows)
     page, beyond = page_of(discs, relief, images, spread_px), violations(discs, images, controls)

@@ -25,7 +25,7 @@ import numpy as np
 
 import harness
 from fake_service import FakeService
-from harness import REPOSITORY, frame_request
+from harness import REPOSITORY, frame_request, tearDownModule
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 import selenograph  # noqa: E402
@@ -37,10 +37,6 @@ from selenograph.region import region_of  # noqa: E402
 
 def setUpModule():
     harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def pose_at(step):

@@ -16,7 +16,7 @@ import warnings
 from unittest import mock
 
 import harness
-from harness import REPOSITORY, Service
+from harness import REPOSITORY, Service, tearDownModule
 
 CLIENT = os.path.join(REPOSITORY, "api", "clients", "python")
 EXAMPLES = os.path.join(CLIENT, "examples")
@@ -30,10 +30,6 @@ def setUpModule():
     if not importlib.util.find_spec("matplotlib"):
         raise unittest.SkipTest("no matplotlib: deploy/install-packages test")
     harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Notebooks(unittest.TestCase):

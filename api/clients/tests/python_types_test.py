@@ -19,7 +19,7 @@ import jsonschema
 import numpy as np
 
 import harness
-from harness import REPOSITORY, Service
+from harness import REPOSITORY, Service, tearDownModule
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 import selenograph  # noqa: E402
@@ -71,10 +71,6 @@ def setUpModule():
     service = Service()
     DOCUMENT.update(json.loads(service.ask("GET", "/openapi.json")[2]))
     assert service.stop() == 0
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 def resolve(schema):

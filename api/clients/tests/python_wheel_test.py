@@ -15,7 +15,7 @@ import unittest
 import zipfile
 
 import harness
-from harness import PATIENCE_S, REPOSITORY
+from harness import PATIENCE_S, REPOSITORY, tearDownModule
 
 MISSING = [name for name in ("pip", "setuptools", "wheel") if not importlib.util.find_spec(name)]
 OFFLINE = ("--no-index", "--no-build-isolation", "--disable-pip-version-check", "--no-cache-dir")
@@ -25,10 +25,6 @@ def setUpModule():
     if MISSING:
         raise unittest.SkipTest(f"no {', '.join(MISSING)}: deploy/install-packages clients")
     harness.set_up()
-
-
-def tearDownModule():
-    harness.tear_down()
 
 
 class Wheel(unittest.TestCase):
