@@ -178,7 +178,7 @@ TEST_F(MeshFiles, DamagedFilesAreMeshesOrErrors) {
                                                        {"m.obj", {std::istreambuf_iterator<char>(satellite), {}}},
                                                        {"m.gltf", test::gltf_of_instances(3, 5)}};
   std::mt19937 random(7);
-  const int damaged = test::full_effort() ? 3000 : 10;
+  const int damaged = test::full_effort() ? 3000 : 30;
   int errors = 0, crashes = 0;
   for (int i = 0; i < damaged; ++i) {
     const auto& [name, content] = files[static_cast<std::size_t>(i) % std::size(files)];
