@@ -13,7 +13,7 @@ namespace {
 // in MOON_ME; 0 without an epoch.
 double share_covered_over(const SceneryQuery& query, const Vec3& position_m) {
   if (query.sun_utc.empty()) return 0;
-  return engine::share_of_sun_covered(query.sun_utc, kMoonRadius_m * position_m.stableNormalized());
+  return engine::share_of_sun_covered(query.sun_utc, kMoonRadius_m * position_m.stable_normalized());
 }
 
 // Returns the camera's position; with a pose for each row that of the middle pose.
@@ -33,7 +33,7 @@ double sun_covered(const MapQuery& query) {
   if (!(query.request.products & (engine::kRadiance | engine::kLit | engine::kIrradiance))) return 0;
   const dem::MapGrid& grid = query.request.grid;
   const auto middle = dem::MapTransform(grid.plane).direction(grid.point(grid.width / 2, grid.height / 2));
-  return share_covered_over(query, middle.value_or(Vec3::Zero()));
+  return share_covered_over(query, middle.value_or(Vec3::zero()));
 }
 
 double sun_covered(const RaysQuery& query) { return share_covered_over(query, query.rays.front().origin_m); }

@@ -110,7 +110,7 @@ constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 void add_irradiances(ColumnArrays& arrays, std::span<const LightOfPoint> light) {
   arrays.add("irradiance", light, [](const LightOfPoint& light_of_point) -> Vec3 {
-    if (!light_of_point) return Vec3::Constant(kMissing);
+    if (!light_of_point) return Vec3::constant(kMissing);
     return {light_of_point->direct_w_m2, light_of_point->terrain_w_m2, light_of_point->earth_w_m2};
   });
 }
@@ -122,7 +122,7 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
   using engine::RayHit;
   ColumnArrays arrays(shape_of(query, hits.size()), ElementType::boolean, stop);
   const auto add_vector = [&](const char* name, Vec3 RayHit::*member) {
-    arrays.add(name, hits, [&](const RayHit& h) -> Vec3 { return h.hit ? h.*member : Vec3::Constant(kMissing); });
+    arrays.add(name, hits, [&](const RayHit& h) -> Vec3 { return h.hit ? h.*member : Vec3::constant(kMissing); });
   };
   arrays.add("hit", hits, &RayHit::hit);
   arrays.add("range_m", hits, [](const RayHit& h) { return h.hit ? h.range_m : kMissing; });

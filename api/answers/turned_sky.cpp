@@ -2,9 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 
+#include "dem/grid/rotation.h"
 #include "engine/frame/needs.h"
 #include "engine/sky/ephemeris.h"
 
@@ -15,9 +15,8 @@ double sky_turned_deg(const engine::FrameRequest& request, double icrf_lag_s) {
   if (icrf_lag_s == 0 || !request.sky || !request.sky->any() || !engine::wants_radiance(request)) return 0;
   const std::string& utc = request.sky->utc;
   // The Moon's rotation from the sky's epoch to that of the poses.
-  const Eigen::Matrix3d rotation =
-      engine::moon_me_from_icrf(utc, icrf_lag_s) * engine::moon_me_from_icrf(utc).transpose();
-  const double angle_rad = Eigen::AngleAxisd(rotation).angle();
+  const Mat3 rotation = engine::moon_me_from_icrf(utc, icrf_lag_s) * engine::moon_me_from_icrf(utc).transpose();
+  const double angle_rad = AngleAxis(rotation).angle_rad;
   const double shift_px = angle_rad * std::max(request.camera.fx, request.camera.fy);
   return shift_px < kMinShift_px ? 0 : angle_rad / kRadiansPerDegree;
 }

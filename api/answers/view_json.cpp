@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "api/json/ranges.h"
+#include "dem/grid/rotation.h"
 #include "engine/camera/view.h"
 
 namespace selenograph::api {
@@ -23,15 +23,15 @@ constexpr double kMaxPost_px = 8, kMaxMissing = 0.5;
 
 // Returns the angle between the boresight of an attitude and the nadir, radians; empty if the boresight misses the
 // Moon.
-std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
-  const Vec3 boresight = camera_from_moon.conjugate() * Vec3::UnitZ();
+std::optional<double> off_nadir(const Vec3& position_m, const Quat& camera_from_moon) {
+  const Vec3 boresight = camera_from_moon.conjugate() * Vec3::unit_z();
   if (!on_sphere(position_m, boresight)) return std::nullopt;
   return angle_between(boresight, -position_m);
 }
 
 // Returns the point where the boresight hits the sphere; empty if it misses.
 std::optional<Geographic> boresight_on_sphere(const engine::Pose& pose) {
-  const auto point = on_sphere(pose.position_m, pose.camera_from_moon.conjugate() * Vec3::UnitZ());
+  const auto point = on_sphere(pose.position_m, pose.camera_from_moon.conjugate() * Vec3::unit_z());
   return point ? std::optional(to_geographic(*point)) : std::nullopt;
 }
 
@@ -72,15 +72,15 @@ constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and m
 // Returns questions about the usual mistakes that would turn an attitude that looks at the Moon into this one. Each
 // mistake is undone; those with which the boresight hits the Moon are listed, nearest to the Moon's centre first.
 std::string likely_mistake(const engine::Pose& pose) {
-  // Eigen's constructor takes w, x, y, z.
-  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate();
-  const Eigen::Quaterniond half_turn(0, 1, 0, 0);  // about x: from OpenGL's camera axes to OpenCV's, and back
+  // The constructor takes w, x, y, z.
+  const Quat q = pose.camera_from_moon, inverse = q.conjugate();
+  const Quat half_turn(0, 1, 0, 0);  // about x: from OpenGL's camera axes to OpenCV's, and back
   // Returns the quaternion that the client meant with these four numbers: they were written x, y, z, w but read as w,
   // x, y, z, or the other way round.
-  const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
-  const auto scalar_first = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.x(), p.y(), p.z(), p.w()); };
+  const auto scalar_last = [](const Quat& p) { return Quat(p.z, p.w, p.x, p.y); };
+  const auto scalar_first = [](const Quat& p) { return Quat(p.x, p.y, p.z, p.w); };
   struct Mistake {
-    Eigen::Quaterniond intended;  // the attitude without the mistake
+    Quat intended;  // the attitude without the mistake
     std::string_view question;
   };
   const char* const asks_scalar_last = "are its components in the order x, y, z, w? w is the scalar part";

@@ -1,5 +1,6 @@
 #include "api/encode/arrays.h"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -178,20 +179,20 @@ const ProductRow& row_of(engine::Product product) {
 
 ElementType type_of(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
 ElementType type_of(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
-ElementType type_of(const std::vector<Eigen::half>&) { return ElementType::float16; }
+ElementType type_of(const std::vector<Half>&) { return ElementType::float16; }
 ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
 void narrow(double distance_m, float& narrowed) { narrowed = static_cast<float>(distance_m); }
 // Rounds a double to half only once. Eigen rounds a float to half, so rounding to float first would round ties wrongly.
 // Therefore round to odd: truncate to float and set the last bit if the float is inexact, which keeps it off every tie.
-void narrow(double distance_m, Eigen::half& narrowed) {
+void narrow(double distance_m, Half& narrowed) {
   float to_odd = static_cast<float>(distance_m);
   if (std::isfinite(to_odd) && static_cast<double>(to_odd) != distance_m) {
     if (std::abs(static_cast<double>(to_odd)) > std::abs(distance_m)) to_odd = std::nextafter(to_odd, 0.F);
     to_odd = std::bit_cast<float>(std::bit_cast<std::uint32_t>(to_odd) | 1U);
   }
-  narrowed = Eigen::half(to_odd);
+  narrowed = {Eigen::half_impl::float_to_half_rtne(to_odd).x};
 }
 
 // Returns a view of a product's elements; throws std::logic_error if there are not height x width of them.
@@ -230,7 +231,7 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
     const Vec3& origin_m = *request.truth->position_origin_m;
     narrowed.position.resize(position.size());
     for (std::size_t i = 0; i < position.size(); ++i)
-      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);  // x, y, z
+      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<int>(i % 3)]);  // x, y, z
     return view(row, narrowed.position, request);
   }
   using Floats = engine::TruthGrid::Floats;

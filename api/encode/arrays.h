@@ -1,7 +1,6 @@
 // Products as named arrays: the single table of the products of frames and maps, and the views that the encoders take.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -52,12 +51,17 @@ std::vector<std::string> channel_names(const ProductRow& row);
 // Returns the bytes per pixel of these products' arrays.
 std::size_t bytes_per_pixel(engine::ProductSet products);
 
+// A float of 16 bits (IEEE 754).
+struct Half {
+  std::uint16_t bits;
+};
+
 // Storage for elements whose type in the answer differs from the engine's: 8-bit images, positions relative to an
 // origin, distances as the truth grid says.
 struct Narrowed {
   std::vector<std::uint8_t> image;
   std::vector<float> position, depth, range;
-  std::vector<Eigen::half> half_depth, half_range;
+  std::vector<Half> half_depth, half_range;
 };
 
 std::string_view name_of(engine::Product product);

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "api/encode/arrays.h"
 #include "api/encode/image_library.h"
 #include "dem/base/error.h"
 
@@ -182,8 +183,9 @@ void interleave_row(const ExrChannel& channel, int y, std::uint32_t* to, std::si
   };
   switch (channel.conversion) {
     case ExrChannel::Conversion::half:
-      return interleave_as(static_cast<const Eigen::half*>(a.data),
-                           [](Eigen::half v) { return static_cast<float>(v); });
+      return interleave_as(static_cast<const Half*>(a.data), [](Half v) {
+        return Eigen::half_impl::half_to_float(Eigen::half_impl::raw_uint16_to_half(v.bits));
+      });
     case ExrChannel::Conversion::single:
       return interleave_as(static_cast<const float*>(a.data), [](float v) { return v; });
     case ExrChannel::Conversion::rounded:

@@ -284,8 +284,8 @@ std::optional<Vec3> JsonReader::vector(const Range& range) const {
     return std::nullopt;
   }
   const std::size_t before = faults();
-  Vec3 v = Vec3::Zero();
-  Eigen::Index i = 0;
+  Vec3 v = Vec3::zero();
+  int i = 0;
   elements(3, 3, [&](const JsonReader& element) { v[i++] = element.number(range).value_or(0); });
   return faults() == before ? std::optional(v) : std::nullopt;
 }
@@ -317,7 +317,7 @@ void JsonReader::fail_word(std::string_view given_word, const std::vector<std::s
 std::optional<Vec3> direction_of(const Vec3& v) {
   if (is_unit(v)) return v;
   // Test for NaN first: maxCoeff may ignore it.
-  const double largest = v.allFinite() ? v.cwiseAbs().maxCoeff() : 0;
+  const double largest = v.is_finite() ? v.max_abs() : 0;
   if (largest == 0) return std::nullopt;
   // Scale before the norm is computed: the squares of 1e300 and 1e-300 are not representable. Divide instead of
   // multiplying by the reciprocal, which is infinite for a subnormal.

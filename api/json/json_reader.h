@@ -153,7 +153,7 @@ class JsonReader {
 // would change the last bit, and a resolved request would no longer resolve to itself.
 template <typename Vector>
 bool is_unit(const Vector& v) {
-  return std::abs(v.squaredNorm() - 1) <= 8 * std::numeric_limits<double>::epsilon();
+  return std::abs(v.squared_norm() - 1) <= 8 * std::numeric_limits<double>::epsilon();
 }
 
 // Returns the unit vector of a vector of any length, also 1e-300 and 1e300; empty for zero, NaN and infinity.

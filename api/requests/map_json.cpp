@@ -224,7 +224,7 @@ dem::MapGrid read_grid(const Json& body, const Limits& limits) {
 namespace {
 
 struct MapView {
-  Vec3 direction = Vec3::UnitZ();
+  Vec3 direction = Vec3::unit_z();
 };
 const Members<MapView>& view_members() {
   static const auto members = make_table<Members<MapView>>(

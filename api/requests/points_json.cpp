@@ -151,10 +151,10 @@ void set_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, F
   for (std::size_t i = 0; i < ray_count && !findings.full(); ++i) {
     const Vec3 origin = origins->vector(i);
     const auto direction = direction_of(directions->vector(i));
-    if (!(origin.array().abs() <= kCoordinate_m.max).all())
+    if (!origin.is_within(kCoordinate_m.max))
       findings.add(fmt::format("/origin_m/{}", i), fmt::format("is not within {:g} m", kCoordinate_m.max));
     if (!direction) findings.add(fmt::format("/direction/{}", i), "is not a direction: finite numbers, not all zero");
-    query.rays.push_back({origin, direction.value_or(Vec3::UnitX())});
+    query.rays.push_back({origin, direction.value_or(Vec3::unit_x())});
   }
 }
 

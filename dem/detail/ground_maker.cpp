@@ -169,7 +169,7 @@ std::shared_ptr<const Block> GroundMaker::heights(const BlockId& id, const Block
                                                   const StopToken& stop) const {
   auto block = empty_block(id, section);
   for (const double height_m : composed_surface(id, section, stop).heights_m)
-    block->vertices.push_back({static_cast<float>(height_m), Eigen::Vector3f::Zero()});
+    block->vertices.push_back({static_cast<float>(height_m), Vec3f::zero()});
   return block;
 }
 
@@ -191,7 +191,7 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
     for (int c = 0; c <= e.quads; ++c) {
       const std::size_t post = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
       const float* h = rounded.data() + post;
-      block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
+      block->vertices.push_back({*h, Vec3f::zero()});
       block->sources.push_back(surface.sources[post]);
       // Relief fades inside the region. Craters, clods and fragments have their centres in it and may reach outside.
       const bool no_relief = !everywhere && surface.ground[post] == Ground::relief &&

@@ -58,7 +58,7 @@ std::shared_ptr<const Block> GroundPosts::compose_layers(const BlockId& id, cons
   for (int r = 0; r < side; ++r)
     for (int c = 0; c < side; ++c) {
       const float height_m = posts.heights[static_cast<std::size_t>((r + kHalo) * wide + c + kHalo)];
-      block->vertices.push_back({height_m, Eigen::Vector3f::Zero()});
+      block->vertices.push_back({height_m, Vec3f::zero()});
       has_heights |= !std::isnan(height_m);
     }
   if (!has_heights) return nullptr;
@@ -114,7 +114,7 @@ std::shared_ptr<const Block> GroundPosts::make_relief_factors(const SubBlock& su
       // Without data nothing is known of the roughness.
       const double ratio = count > 0 ? std::sqrt(std::max(0.0, sum / count)) : 1;
       block->vertices.push_back(
-          {static_cast<float>(std::clamp(ratio, detail_.relief().min_factor(), 1.0)), Eigen::Vector3f::Zero()});
+          {static_cast<float>(std::clamp(ratio, detail_.relief().min_factor(), 1.0)), Vec3f::zero()});
     }
   return block;
 }

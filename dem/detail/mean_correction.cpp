@@ -216,7 +216,7 @@ std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const Su
     for (int c = 0; c <= e.quads; ++c) {
       const std::size_t cell =
           static_cast<std::size_t>(r + kCellsAround) * side + static_cast<std::size_t>(c + kCellsAround);
-      block->vertices.push_back({static_cast<float>(weight * corrections_m[cell]), Eigen::Vector3f::Zero()});
+      block->vertices.push_back({static_cast<float>(weight * corrections_m[cell]), Vec3f::zero()});
     }
   }
   return block;

@@ -1,6 +1,5 @@
 #include "dem/detail/region.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,10 +10,8 @@
 namespace selenograph::dem {
 namespace {
 
-using Eigen::Vector2d;
-
 // Returns a positive value left of the line from a to b, a negative one right of it, 0 on it.
-double side_of(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
+double side_of(const Vec2& p, const Vec2& a, const Vec2& b) {
   return (b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x());
 }
 
@@ -25,7 +22,7 @@ double side_of(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
 //        \/        a and b lie on different sides of cd, c and d on different sides of ab
 //        /\        .
 //       c  b
-bool intersect(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d) {
+bool intersect(const Vec2& a, const Vec2& b, const Vec2& c, const Vec2& d) {
   return side_of(a, c, d) * side_of(b, c, d) <= 0 && side_of(c, a, b) * side_of(d, a, b) <= 0;
 }
 
@@ -38,16 +35,16 @@ double arc_m(const Vec3& a, const Vec3& b) { return 2 * std::asin(std::min(1.0, 
 struct Region::Polygon {
   Vec3 middle, right, up;
   std::vector<Vec3> corners;
-  std::vector<Vector2d> flat;
+  std::vector<Vec2> flat;
 
   // Projects a direction, which must be less than 90 degrees from the middle.
-  Vector2d onto_plane(const Vec3& p) const { return Vector2d(p.dot(right), p.dot(up)) / p.dot(middle); }
+  Vec2 onto_plane(const Vec3& p) const { return Vec2(p.dot(right), p.dot(up)) / p.dot(middle); }
 };
 
 Region::Region(const std::vector<Geographic>& corners) {
   if (corners.size() < 3) throw std::invalid_argument("has fewer than three corners");
   Polygon polygon;
-  polygon.middle = Vec3::Zero();
+  polygon.middle = Vec3::zero();
   for (const Geographic& corner : corners) {
     polygon.corners.push_back(to_cartesian({corner.lat_deg, corner.lon_deg, 0}).normalized());
     polygon.middle += polygon.corners.back();
@@ -57,11 +54,11 @@ Region::Region(const std::vector<Geographic>& corners) {
   for (const Vec3& corner : polygon.corners)
     if (!(corner.dot(polygon.middle) > std::cos(kWidest_deg * kRadiansPerDegree)))
       throw std::invalid_argument("has a corner more than 60 degrees from the middle of all");
-  polygon.right = polygon.middle.unitOrthogonal();
+  polygon.right = polygon.middle.unit_orthogonal();
   polygon.up = polygon.middle.cross(polygon.right);
   for (const Vec3& corner : polygon.corners) polygon.flat.push_back(polygon.onto_plane(corner));
   const std::size_t n = corners.size();
-  const auto at = [&](std::size_t i) -> const Vector2d& { return polygon.flat[i % n]; };
+  const auto at = [&](std::size_t i) -> const Vec2& { return polygon.flat[i % n]; };
   for (std::size_t i = 0; i < n; ++i) {
     if (at(i) == at(i + 1)) throw std::invalid_argument("has the same corner twice in a row");
     for (std::size_t k = i + 2; k < n; ++k)
@@ -74,9 +71,9 @@ Region::Region(const std::vector<Geographic>& corners) {
 // Counts the edges that a ray from the position in +x crosses: an odd number means inside.
 bool Region::polygon_holds(const Vec3& direction) const {
   if (!(direction.dot(polygon_->middle) > std::cos(kWidest_deg * kRadiansPerDegree))) return false;
-  const Vector2d p = polygon_->onto_plane(direction);
+  const Vec2 p = polygon_->onto_plane(direction);
   bool inside = false;
-  const std::vector<Vector2d>& c = polygon_->flat;
+  const std::vector<Vec2>& c = polygon_->flat;
   for (std::size_t i = 0, before = c.size() - 1; i < c.size(); before = i++) {
     if ((c[i].y() > p.y()) == (c[before].y() > p.y())) continue;
     inside ^= p.x() < c[i].x() + (p.y() - c[i].y()) / (c[before].y() - c[i].y()) * (c[before].x() - c[i].x());

@@ -3,7 +3,6 @@
 
 #include <malloc.h>
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -44,8 +43,8 @@ enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3, cl
 
 // Data of a vertex that do not follow from the lattice: sixteen bytes, as rendering fetches them.
 struct alignas(16) Vertex {
-  float height_m;          // above the datum; NaN: no data
-  Eigen::Vector3f normal;  // unit, MOON_ME, for shading: see shading_normals.h
+  float height_m;  // above the datum; NaN: no data
+  Vec3f normal;    // unit, MOON_ME, for shading: see shading_normals.h
 };
 static_assert(sizeof(Vertex) == 16);
 

@@ -8,14 +8,14 @@
 namespace selenograph {
 
 Vec3 to_cartesian(const Geographic& g) {
-  if (std::abs(g.lat_deg) > 90) return Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
+  if (std::abs(g.lat_deg) > 90) return Vec3::constant(std::numeric_limits<double>::quiet_NaN());
   const SineCosine lat = sine_cosine_of_deg(g.lat_deg), lon = sine_cosine_of_deg(g.lon_deg);
   const double radius_m = kMoonRadius_m + g.height_m, ring_m = radius_m * lat.cosine;
   return {ring_m * lon.cosine, ring_m * lon.sine, radius_m * lat.sine};
 }
 
 Geographic to_geographic(const Vec3& p_m) {
-  if (p_m.squaredNorm() == 0) return {0, 0, -kMoonRadius_m};
+  if (p_m.squared_norm() == 0) return {0, 0, -kMoonRadius_m};
   const double ring_m = std::hypot(p_m.x(), p_m.y()), radius_m = std::hypot(ring_m, p_m.z());
   Geographic g;
   g.lat_deg = atan2_deg(p_m.z() / radius_m, ring_m / radius_m);
@@ -35,7 +35,7 @@ double wrap_lon_deg(double lon_deg) {
 //   from ----------- o ======= x ======= o        x  nearest point of the ray's line to the centre
 //   |<------- along ---------->|<- half ->|       half^2 = R^2 - |centre - x|^2
 std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction) {
-  const double along = -from_m.dot(direction), off_axis2 = from_m.squaredNorm() - along * along,
+  const double along = -from_m.dot(direction), off_axis2 = from_m.squared_norm() - along * along,
                half2 = kMoonRadius_m * kMoonRadius_m - off_axis2;
   if (!(half2 > 0 && along > 0)) return std::nullopt;
   return from_m + (along - std::sqrt(half2)) * direction;

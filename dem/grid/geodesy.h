@@ -4,15 +4,13 @@
 // All coordinates are double: float has a resolution of 0.125 m at this radius.
 #pragma once
 
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <cmath>
 #include <numbers>
 #include <optional>
 
-namespace selenograph {
+#include "dem/grid/vec.h"
 
-using Vec3 = Eigen::Vector3d;
+namespace selenograph {
 
 // Mean lunar radius, the vertical datum of Kaguya and LOLA products (IAU WGCCRE 2009, Archinal et al. 2011, table 5).
 inline constexpr double kMoonRadius_m = 1737400.0;

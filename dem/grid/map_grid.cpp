@@ -1,6 +1,5 @@
 #include "dem/grid/map_grid.h"
 
-#include <Eigen/Geometry>
 #include <cmath>
 
 namespace selenograph::dem {

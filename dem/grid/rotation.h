@@ -29,12 +29,14 @@ struct Quat {
   Quat(double w_, double x_, double y_, double z_) : w(w_), x(x_), y(y_), z(z_) {}
   Quat(const AngleAxis& rotation);
   explicit Quat(const Mat3& rotation);
+  static Quat identity() { return {}; }
   bool operator==(const Quat&) const = default;
 
   Vec3 operator*(const Vec3& v) const;
   Vec3 vec() const { return {x, y, z}; }
   Quat conjugate() const { return {w, -x, -y, -z}; }
-  double norm() const { return std::sqrt((x * x + z * z) + (y * y + w * w)); }
+  double squared_norm() const { return (x * x + z * z) + (y * y + w * w); }
+  double norm() const { return std::sqrt(squared_norm()); }
   Quat normalized() const;
   Mat3 matrix() const;
   // Returns the angle between two rotations, rad.

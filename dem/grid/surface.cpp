@@ -1,7 +1,5 @@
 #include "dem/grid/surface.h"
 
-#include <Eigen/Geometry>
-
 namespace selenograph::dem {
 
 std::optional<double> radial_distance(const Triangle& t, const Vec3& direction, double slack) {
@@ -12,7 +10,7 @@ std::optional<double> radial_distance(const Triangle& t, const Vec3& direction, 
   if (!(through > 0)) return std::nullopt;
   const double distance = normal.dot(t.a) / through;
   const Vec3 p = direction * distance - t.a;
-  const double v = normal.dot(p.cross(ac)) / normal.squaredNorm(), w = normal.dot(ab.cross(p)) / normal.squaredNorm();
+  const double v = normal.dot(p.cross(ac)) / normal.squared_norm(), w = normal.dot(ab.cross(p)) / normal.squared_norm();
   if (v < -slack || w < -slack || v + w > 1 + slack) return std::nullopt;
   return distance;
 }

@@ -12,7 +12,7 @@ namespace selenograph {
 
 // Returns the sum of three terms, in the order of recorded answers.
 template <typename T>
-T sum_of(T x, T y, T z) {
+T sum_of_three(T x, T y, T z) {
   if constexpr (std::same_as<T, float>) return x + (y + z);
   return (x + y) + z;
 }
@@ -34,6 +34,8 @@ struct Vector2 {
 
   Vector2& operator+=(const Vector2& b) { return *this = *this + b; }
   Vector2& operator-=(const Vector2& b) { return *this = *this - b; }
+  Vector2& operator*=(T s) { return *this = *this * s; }
+  Vector2& operator/=(T s) { return *this = *this / s; }
   friend Vector2 operator+(const Vector2& a, const Vector2& b) { return {a[0] + b[0], a[1] + b[1]}; }
   friend Vector2 operator-(const Vector2& a, const Vector2& b) { return {a[0] - b[0], a[1] - b[1]}; }
   friend Vector2 operator-(const Vector2& a) { return {-a[0], -a[1]}; }
@@ -45,6 +47,8 @@ struct Vector2 {
   T dot(const Vector2& b) const { return at[0] * b[0] + at[1] * b[1]; }
   T squared_norm() const { return dot(*this); }
   T norm() const { return std::sqrt(squared_norm()); }
+  friend Vector2 min_of(const Vector2& a, const Vector2& b) { return {std::min(a[0], b[0]), std::min(a[1], b[1])}; }
+  friend Vector2 max_of(const Vector2& a, const Vector2& b) { return {std::max(a[0], b[0]), std::max(a[1], b[1])}; }
   // Returns the largest absolute component.
   T max_abs() const { return std::max(std::abs(at[0]), std::abs(at[1])); }
   bool is_finite() const { return std::isfinite(at[0]) && std::isfinite(at[1]); }
@@ -73,6 +77,8 @@ struct Vector3 {
   const T& z() const { return at[2]; }
   T* data() { return at; }
   const T* data() const { return at; }
+  const T* begin() const { return at; }
+  const T* end() const { return at + 3; }
   Vector2<T> xy() const { return {at[0], at[1]}; }
   template <typename U>
   Vector3<U> cast() const {
@@ -91,7 +97,7 @@ struct Vector3 {
   friend Vector3 operator/(const Vector3& a, T s) { return {a[0] / s, a[1] / s, a[2] / s}; }
   bool operator==(const Vector3&) const = default;
 
-  T dot(const Vector3& b) const { return sum_of(at[0] * b[0], at[1] * b[1], at[2] * b[2]); }
+  T dot(const Vector3& b) const { return sum_of_three(at[0] * b[0], at[1] * b[1], at[2] * b[2]); }
   Vector3 cross(const Vector3& b) const {
     return {at[1] * b[2] - at[2] * b[1], at[2] * b[0] - at[0] * b[2], at[0] * b[1] - at[1] * b[0]};
   }
@@ -103,12 +109,27 @@ struct Vector3 {
     return square > 0 ? *this / std::sqrt(square) : *this;
   }
   void normalize() { *this = normalized(); }
+  // The same where the squares of the components are not representable.
+  Vector3 stable_normalized() const {
+    const T largest = max_abs();
+    const Vector3 scaled = *this / largest;
+    const T square = scaled.squared_norm();
+    return square > 0 ? *this / (std::sqrt(square) * largest) : *this;
+  }
   // Returns some unit vector across this one.
   Vector3 unit_orthogonal() const;
+  friend Vector3 min_of(const Vector3& a, const Vector3& b) {
+    return {std::min(a[0], b[0]), std::min(a[1], b[1]), std::min(a[2], b[2])};
+  }
+  friend Vector3 max_of(const Vector3& a, const Vector3& b) {
+    return {std::max(a[0], b[0]), std::max(a[1], b[1]), std::max(a[2], b[2])};
+  }
   // Returns the largest absolute component.
   T max_abs() const { return std::max(std::max(std::abs(at[0]), std::abs(at[1])), std::abs(at[2])); }
   // Returns true if no component is larger, nor NaN.
-  bool is_within(T limit) const { return std::abs(at[0]) <= limit && std::abs(at[1]) <= limit && std::abs(at[2]) <= limit; }
+  bool is_within(T limit) const {
+    return std::abs(at[0]) <= limit && std::abs(at[1]) <= limit && std::abs(at[2]) <= limit;
+  }
   bool is_finite() const { return std::isfinite(at[0]) && std::isfinite(at[1]) && std::isfinite(at[2]); }
   bool has_nan() const { return std::isnan(at[0]) || std::isnan(at[1]) || std::isnan(at[2]); }
 };
@@ -118,15 +139,13 @@ using Vec2i = Vector2<int>;
 using Vec3 = Vector3<double>;
 using Vec3f = Vector3<float>;
 
-// A matrix of double, stored by columns.
+// A matrix stored by columns.
 struct Mat2 {
   Vec2 column[2];
 
   Mat2() = default;
   Mat2(const Vec2& column_0, const Vec2& column_1) : column{column_0, column_1} {}
-  static Mat2 from_rows(const Vec2& row_0, const Vec2& row_1) {
-    return {{row_0[0], row_1[0]}, {row_0[1], row_1[1]}};
-  }
+  static Mat2 from_rows(const Vec2& row_0, const Vec2& row_1) { return {{row_0[0], row_1[0]}, {row_0[1], row_1[1]}}; }
   static Mat2 zero() { return {{0, 0}, {0, 0}}; }
   static Mat2 identity() { return {{1, 0}, {0, 1}}; }
 
@@ -152,6 +171,7 @@ struct Mat2 {
   // Frobenius norm.
   double norm() const { return std::sqrt(row(0).squared_norm() + row(1).squared_norm()); }
 };
+inline Mat2 outer(const Vec2& a, const Vec2& b) { return {a * b[0], a * b[1]}; }
 
 // A matrix stored by columns.
 template <typename T>
@@ -166,6 +186,7 @@ struct Matrix3 {
     return Matrix3(row_0, row_1, row_2).transpose();
   }
   static Matrix3 zero() { return {Column::zero(), Column::zero(), Column::zero()}; }
+  static Matrix3 diagonal(const Column& d) { return {{d[0], 0, 0}, {0, d[1], 0}, {0, 0, d[2]}}; }
   static Matrix3 identity() { return {Column::unit_x(), Column::unit_y(), Column::unit_z()}; }
 
   T operator()(int r, int c) const { return column[c][r]; }
@@ -173,6 +194,8 @@ struct Matrix3 {
   const Column& col(int c) const { return column[c]; }
   Column& col(int c) { return column[c]; }
   Column row(int r) const { return {column[0][r], column[1][r], column[2][r]}; }
+  // Returns the nine elements, column by column.
+  const T* data() const { return reinterpret_cast<const T*>(this); }
   template <typename U>
   Matrix3<U> cast() const {
     return {column[0].template cast<U>(), column[1].template cast<U>(), column[2].template cast<U>()};
@@ -202,6 +225,8 @@ struct Matrix3 {
   Matrix3 transpose() const { return {row(0), row(1), row(2)}; }
   T determinant() const;
   Matrix3 inverse() const;
+  // Frobenius norm.
+  T norm() const { return std::sqrt(column[0].squared_norm() + column[1].squared_norm() + column[2].squared_norm()); }
   T max_abs() const { return std::max(std::max(column[0].max_abs(), column[1].max_abs()), column[2].max_abs()); }
   bool is_finite() const { return column[0].is_finite() && column[1].is_finite() && column[2].is_finite(); }
 };

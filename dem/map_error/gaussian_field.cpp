@@ -88,7 +88,7 @@ GaussianField::Sample GaussianField::at(const Vec3& position_m, Cursor& cursor) 
   const Vec3 fraction = steps - cell;
   const AxisWeights x = axis_weights(fraction.x()), y = axis_weights(fraction.y()), z = axis_weights(fraction.z());
   double value = 0;
-  Vec3 gradient = Vec3::Zero();
+  Vec3 gradient = Vec3::zero();
   for (int k = 0; k < kTaps; ++k) {
     double plane = 0, plane_by_x = 0, plane_by_y = 0;
     for (int j = 0; j < kTaps; ++j) {

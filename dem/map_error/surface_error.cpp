@@ -5,6 +5,7 @@
 
 #include "dem/base/noise.h"
 #include "dem/grid/lattice.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::dem {
 namespace {
@@ -21,11 +22,11 @@ std::vector<GaussianField> fields_of(const std::vector<MapError::Field>& list, s
 }
 
 // Returns the rotation that takes directions of the map to those of the true ground that it shows there.
-Eigen::Matrix3d rotation_of(const MapError& error, const EastNorthUp& axes) {
-  if (!error.is_shifted()) return Eigen::Matrix3d::Identity();
+Mat3 rotation_of(const MapError& error, const EastNorthUp& axes) {
+  if (!error.is_shifted()) return Mat3::identity();
   const Vec3 shift_m = error.shift.east_m * axes.east + error.shift.north_m * axes.north;
-  const Eigen::AngleAxisd map_from_true(shift_m.norm() / kMoonRadius_m, axes.up.cross(shift_m).normalized());
-  return map_from_true.toRotationMatrix().transpose();
+  const AngleAxis map_from_true(shift_m.norm() / kMoonRadius_m, axes.up.cross(shift_m).normalized());
+  return map_from_true.matrix().transpose();
 }
 
 int level_resolving(const std::vector<MapError::Field>& fields) {
@@ -52,11 +53,11 @@ SurfaceError::SurfaceError(const MapError& error)
 
 // Differentiates slope * u * exp(-c^2 / (2 reach^2)), with u the distance uphill and c the chord from `about`.
 SurfaceError::Added SurfaceError::tilt_at(const Vec3& direction) const {
-  if (tilt_slope_ == 0) return {0, Vec3::Zero()};
+  if (tilt_slope_ == 0) return {0, Vec3::zero()};
   constexpr double kReachSquare_m2 = MapError::kTiltReach_m * MapError::kTiltReach_m;
   const Vec3 from_about_m = kMoonRadius_m * (direction - about_);
   const double uphill_m = kMoonRadius_m * direction.dot(uphill_);
-  const double faded = tilt_slope_ * std::exp(-from_about_m.squaredNorm() / (2 * kReachSquare_m2));
+  const double faded = tilt_slope_ * std::exp(-from_about_m.squared_norm() / (2 * kReachSquare_m2));
   return {faded * uphill_m, faded * (uphill_ - uphill_m / kReachSquare_m2 * from_about_m)};
 }
 
@@ -81,7 +82,7 @@ SurfaceError::Added SurfaceError::field_at(std::size_t i, const Vec3& direction,
   };
   const EastNorthUp axes = local_axes(direction);
   constexpr double kStep = 10 / kMoonRadius_m;
-  Vec3 slope = Vec3::Zero();
+  Vec3 slope = Vec3::zero();
   for (const Vec3& along : {axes.east, axes.north})
     slope += (share_at(direction + kStep * along) - share_at(direction - kStep * along)) / (2 * kStep * kMoonRadius_m) *
              along;

@@ -23,7 +23,7 @@ class SurfaceError {
   // Returns the direction of the true ground that the map shows at a direction. Both are unit vectors, MOON_ME.
   Vec3 true_direction(const Vec3& map_direction) const { return true_from_map_ * map_direction; }
   // Returns where the map shows a normal of the true ground.
-  Vec3 map_normal(const Vec3& true_normal) const { return true_from_map_.transpose() * true_normal; }
+  Vec3 map_normal(const Vec3& true_normal) const { return true_from_map_.transpose_times(true_normal); }
 
   struct Ground {
     double height_m;
@@ -58,7 +58,7 @@ class SurfaceError {
   Added field_at(std::size_t i, const Vec3& direction, Cursors& cursors) const;
 
   MapError error_;
-  Eigen::Matrix3d true_from_map_;
+  Mat3 true_from_map_;
   Vec3 about_, uphill_;  // unit: the place, and the tilt's direction there
   double tilt_slope_;    // tangent of the tilt's slope
   std::vector<GaussianField> height_, albedo_;

@@ -54,7 +54,7 @@ inline constexpr double kLargestCrater_m = 64000.0;
 
 struct Crater {
   double lat_deg = 0, lon_deg = 0;
-  Vec3 center = Vec3::UnitZ();
+  Vec3 center = Vec3::unit_z();
   double diameter_m = 0;
   int octave = 0;
   // Time of formation: 0 is today, 1 the flooding of the maria, 2 the oldest surface. Younger craters overlie older

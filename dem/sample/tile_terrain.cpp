@@ -78,7 +78,7 @@ void TileTerrain::stamp(const CraterInBlock& c, const Window& block, std::vector
   for (int row = std::max(w.row0, block.row0); row < std::min(w.row1, block.row1); ++row) {
     for (int column = std::max(w.column0, block.column0); column < std::min(w.column1, block.column1); ++column) {
       const Vec3 away = (direction(row, column) - c.crater->center) * kMoonRadius_m;
-      const double r2 = away.squaredNorm();
+      const double r2 = away.squared_norm();
       if (r2 >= c.shape->reach_m() * c.shape->reach_m()) continue;
       // Take the azimuth from the tangent plane, the distance along the chord (within 0.01 % of the great circle at 80
       // km).

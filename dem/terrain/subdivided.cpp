@@ -51,7 +51,7 @@ InterpolatedVertex interpolate(const Block& block, double lat_tick, double lon_t
   const auto normal = [&](int j, int i) -> Vec3 { return corner(j, i).normal.cast<double>(); };
   const QuadPosition position{fx, fy};
   const int nearest_r = r + (fy > 0.5), nearest_c = c + (fx > 0.5);
-  InterpolatedVertex vertex{on_triangle(position, 0.0, height), on_triangle(position, Vec3(Vec3::Zero()), normal),
+  InterpolatedVertex vertex{on_triangle(position, 0.0, height), on_triangle(position, Vec3(Vec3::zero()), normal),
                             block.source(nearest_r, nearest_c), block.shown(nearest_r, nearest_c)};
   if (!block.brightness.empty()) {
     const auto brightness = [&](int j, int i) {

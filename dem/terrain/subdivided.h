@@ -13,7 +13,7 @@ namespace selenograph::dem {
 // Vertex of a finer lattice on a block's triangles.
 struct InterpolatedVertex {
   double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN: no data
-  Vec3 normal = Vec3::Zero();                                  // of any length
+  Vec3 normal = Vec3::zero();                                  // of any length
   SourceMark source = kNoSource;                               // of the nearest corner of the quad, like the ground
   Ground ground = Ground::dem;
   std::uint16_t brightness = kBrightnessOfOne;

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "dem/base/error.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::engine {
 namespace {
@@ -14,7 +15,7 @@ namespace {
 constexpr double kMaxStep_m = 20000, kMaxTurn_rad = 0.4;
 
 bool same(const Pose& a, const Pose& b) {
-  return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
+  return a.position_m == b.position_m && a.camera_from_moon == b.camera_from_moon;
 }
 
 // Limits of the Sun's motion between two frames. A Sun that moved farther than kMaxSun_rad was set by hand. Motion
@@ -26,7 +27,7 @@ Vec3 extrapolated(const Vec3& before, const Vec3& now, int steps) {
   const double angle = (now - before).norm();
   if (angle <= kMinSun_rad || angle > kMaxSun_rad) return now;
   const Vec3 axis = before.cross(now).normalized();
-  return Eigen::AngleAxisd(steps * angle, axis) * now;
+  return AngleAxis(steps * angle, axis) * now;
 }
 
 }  // namespace
@@ -72,7 +73,7 @@ Preparation::Work::~Work() {
 Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string_view name) {
   const auto continues = [&](const Pose& last) {
     return (last.position_m - frame.pose.position_m).norm() <= kMaxStep_m &&
-           last.camera_from_moon.angularDistance(frame.pose.camera_from_moon) <= kMaxTurn_rad;
+           last.camera_from_moon.angle_to(frame.pose.camera_from_moon) <= kMaxTurn_rad;
   };
   const auto found = std::find_if(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     return track.name == name && track.last.camera == frame.camera && continues(track.last.pose);

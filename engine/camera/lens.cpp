@@ -1,7 +1,5 @@
 #include "engine/camera/lens.h"
 
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -11,17 +9,19 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns where a direction meets the plane z = 1.
+Vec2 on_plane(const Vec3& direction) { return direction.xy() / direction.z(); }
+
 // Returns the derivative of the projective map by a position.
-Eigen::Matrix2d projective_jacobian(const Eigen::Matrix3d& map, const Eigen::Vector2d& position) {
-  const Vec3 image = map * position.homogeneous();
-  return (map.topLeftCorner<2, 2>() - image.hnormalized() * map.row(2).head<2>()) / image.z();
+Mat2 projective_jacobian(const Mat3& map, const Vec2& position) {
+  const Vec3 image = map * Vec3(position.x(), position.y(), 1);
+  const Vec2 slope = on_plane(image);
+  return Mat2(map.col(0).xy() - slope * map(2, 0), map.col(1).xy() - slope * map(2, 1)) / image.z();
 }
 
 // Returns true if a direction is nowhere near the edge of the plane z = 1: a lens's axis may be off the camera's, so
 // that both have their limits.
-bool is_within_reach(const Vec3& in_camera) {
-  return in_camera.head<2>().norm() <= RadialFactor::kFarthest * in_camera.z();
-}
+bool is_within_reach(const Vec3& in_camera) { return in_camera.xy().norm() <= RadialFactor::kFarthest * in_camera.z(); }
 
 // Returns the distortion of CAHVOR about its optical axis, without r0, which scales the whole image.
 Distortion distortion_of(const Cahvor& cahvor) {
@@ -38,11 +38,10 @@ std::optional<Lens::Planes> Lens::planes_of(const Distortion& d) {
   if (d.tau_x_deg == 0 && d.tau_y_deg == 0) return std::nullopt;
   const double tau_x = d.tau_x_deg * kRadiansPerDegree, tau_y = d.tau_y_deg * kRadiansPerDegree;
   const double cos_x = std::cos(tau_x), sin_x = std::sin(tau_x), cos_y = std::cos(tau_y), sin_y = std::sin(tau_y);
-  Eigen::Matrix3d about_x, about_y, along_axis;
-  about_x << 1, 0, 0, 0, cos_x, sin_x, 0, -sin_x, cos_x;
-  about_y << cos_y, 0, -sin_y, 0, 1, 0, sin_y, 0, cos_y;
-  const Eigen::Matrix3d turn = about_y * about_x;
-  along_axis << turn(2, 2), 0, -turn(0, 2), 0, turn(2, 2), -turn(1, 2), 0, 0, 1;
+  const Mat3 about_x({1, 0, 0}, {0, cos_x, -sin_x}, {0, sin_x, cos_x});
+  const Mat3 about_y({cos_y, 0, sin_y}, {0, 1, 0}, {-sin_y, 0, cos_y});
+  const Mat3 turn = about_y * about_x;
+  const Mat3 along_axis({turn(2, 2), 0, 0}, {0, turn(2, 2), 0}, {-turn(0, 2), -turn(1, 2), 1});
   Planes planes;
   planes.image_from_lens = along_axis * turn;
   planes.lens_from_image = planes.image_from_lens.inverse();
@@ -52,13 +51,10 @@ std::optional<Lens::Planes> Lens::planes_of(const Distortion& d) {
 // The rows of the image matrix are those of (H, V, A), in focal lengths from the principal point.
 std::optional<Lens::Planes> Lens::planes_of(const Cahvor& c) {
   Planes planes;
-  planes.lens_from_camera = shortest_turn(c.o, Vec3::UnitZ()).toRotationMatrix();
-  Eigen::Matrix3d image_from_camera;
-  image_from_camera.row(0) = (c.h - c.cx() * c.a) / c.fx();
-  image_from_camera.row(1) = (c.v - c.cy() * c.a) / c.fy();
-  image_from_camera.row(2) = c.a;
-  planes.image_from_lens =
-      image_from_camera * planes.lens_from_camera.transpose() * Vec3(1 + c.r[0], 1 + c.r[0], 1).asDiagonal();
+  planes.lens_from_camera = shortest_turn(c.o, Vec3::unit_z()).matrix();
+  const Mat3 image_from_camera = Mat3::from_rows((c.h - c.cx() * c.a) / c.fx(), (c.v - c.cy() * c.a) / c.fy(), c.a);
+  planes.image_from_lens = image_from_camera * planes.lens_from_camera.transpose();
+  for (int i = 0; i < 2; ++i) planes.image_from_lens.col(i) *= 1 + c.r[0];
   planes.lens_from_image = planes.image_from_lens.inverse();
   return planes;
 }
@@ -71,31 +67,32 @@ Lens::Lens(const Camera& camera)
       planes_(camera.cahvor ? planes_of(*camera.cahvor) : planes_of(camera.distortion)),
       sights_(camera.sights) {}
 
-Eigen::Vector2d Lens::distorted(double x, double y) const {
-  if (sights_) return sights_->image({x, y}).value_or(Eigen::Vector2d(x, y));
+Vec2 Lens::distorted(double x, double y) const {
+  if (sights_) return sights_->image({x, y}).value_or(Vec2(x, y));
   if (!planes_) return distortion_.distorted(x, y);
-  const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
-  return (planes_->image_from_lens * distortion_.distorted(p.x(), p.y()).homogeneous()).hnormalized();
+  const Vec2 p = on_plane(planes_->lens_from_camera * Vec3(x, y, 1));
+  const Vec2 bent = distortion_.distorted(p.x(), p.y());
+  return on_plane(planes_->image_from_lens * Vec3(bent.x(), bent.y(), 1));
 }
 
-Eigen::Matrix2d Lens::jacobian(double x, double y) const {
+Mat2 Lens::jacobian(double x, double y) const {
   if (sights_) return sights_->jacobian({x, y});
   if (!planes_) return distortion_.jacobian(x, y);
-  const Eigen::Vector2d p = (planes_->lens_from_camera * Vec3(x, y, 1)).hnormalized();
+  const Vec2 p = on_plane(planes_->lens_from_camera * Vec3(x, y, 1));
   return projective_jacobian(planes_->image_from_lens, distortion_.distorted(p.x(), p.y())) *
          distortion_.jacobian(p.x(), p.y()) * projective_jacobian(planes_->lens_from_camera, {x, y});
 }
 
-std::optional<Eigen::Vector2d> Lens::undistorted(double xd, double yd) const {
+std::optional<Vec2> Lens::undistorted(double xd, double yd) const {
   if (sights_) return sights_->plane({xd, yd});
   if (!planes_) return distortion_.undistorted(xd, yd);
   const Vec3 bent = planes_->lens_from_image * Vec3(xd, yd, 1);
   if (!(bent.z() > 0)) return std::nullopt;
   const auto p = distortion_.undistorted(bent.x() / bent.z(), bent.y() / bent.z());
   if (!p) return std::nullopt;
-  const Vec3 in_camera = planes_->lens_from_camera.transpose() * p->homogeneous();
+  const Vec3 in_camera = planes_->lens_from_camera.transpose_times({p->x(), p->y(), 1});
   if (!is_within_reach(in_camera)) return std::nullopt;
-  return in_camera.hnormalized();
+  return on_plane(in_camera);
 }
 
 bool Lens::holds(double x, double y) const {
@@ -103,8 +100,8 @@ bool Lens::holds(double x, double y) const {
   if (!planes_) return distortion_.holds(x, y);
   const Vec3 p = planes_->lens_from_camera * Vec3(x, y, 1);
   if (!(p.z() > 0 && is_within_reach({x, y, 1}) && distortion_.holds(p.x() / p.z(), p.y() / p.z()))) return false;
-  const Eigen::Vector2d bent = distortion_.distorted(p.x() / p.z(), p.y() / p.z());
-  return planes_->image_from_lens.row(2).dot(bent.homogeneous()) > 0;
+  const Vec2 bent = distortion_.distorted(p.x() / p.z(), p.y() / p.z());
+  return planes_->image_from_lens.row(2).dot({bent.x(), bent.y(), 1}) > 0;
 }
 
 double Lens::reach() const {
@@ -117,10 +114,10 @@ double Lens::reach() const {
 
 // The lens stretches by at most the larger eigenvalue of its Jacobian's symmetric part, and by the rest of it, which is
 // 0 for Brown's lens.
-Lens::Scale Lens::scale(double focal_px, const Eigen::Vector2d& position) const {
-  const Eigen::Matrix2d jacobian = this->jacobian(position.x(), position.y());
-  const Eigen::Matrix2d symmetric = (jacobian + jacobian.transpose()) / 2;
-  const double r2 = position.squaredNorm(), half_trace = symmetric.trace() / 2;
+Lens::Scale Lens::scale(double focal_px, const Vec2& position) const {
+  const Mat2 jacobian = this->jacobian(position.x(), position.y());
+  const Mat2 symmetric = (jacobian + jacobian.transpose()) / 2;
+  const double r2 = position.squared_norm(), half_trace = symmetric.trace() / 2;
   const double stretch = std::abs(half_trace) +
                          std::sqrt(std::max(0.0, half_trace * half_trace - symmetric.determinant())) +
                          std::abs(jacobian(0, 1) - jacobian(1, 0)) / 2;
@@ -129,9 +126,9 @@ Lens::Scale Lens::scale(double focal_px, const Eigen::Vector2d& position) const 
   // Across the radius it covers only the root of that. Toward 90 degrees from the axis, where lenses compress the
   // radius, the product of both bounds would exceed the scale many times.
   const double along = 1 + r2, across = std::sqrt(along);
-  Eigen::Matrix2d plane_from_angle = across * Eigen::Matrix2d::Identity();
-  if (r2 > 0) plane_from_angle += (along - across) / r2 * position * position.transpose();
-  const Eigen::Matrix2d m = jacobian * plane_from_angle;
+  Mat2 plane_from_angle = across * Mat2::identity();
+  if (r2 > 0) plane_from_angle += outer((along - across) / r2 * position, position);
+  const Mat2 m = jacobian * plane_from_angle;
   const double largest =
       (std::hypot(m(0, 0) + m(1, 1), m(0, 1) - m(1, 0)) + std::hypot(m(0, 0) - m(1, 1), m(0, 1) + m(1, 0))) / 2;
   return {focal_px * stretch, focal_px * largest};

@@ -9,7 +9,6 @@
 // it in one.
 #pragma once
 
-#include <Eigen/Core>
 #include <memory>
 #include <optional>
 
@@ -26,11 +25,11 @@ class Lens {
   explicit Lens(const Distortion& distortion);
 
   // Maps an undistorted position to the distorted one. The position must hold.
-  Eigen::Vector2d distorted(double x, double y) const;
-  Eigen::Matrix2d jacobian(double x, double y) const;
+  Vec2 distorted(double x, double y) const;
+  Mat2 jacobian(double x, double y) const;
 
   // Inverts distorted(); empty if no valid position is mapped here.
-  std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
+  std::optional<Vec2> undistorted(double xd, double yd) const;
 
   // Returns true if the map is invertible between the axis and this position.
   bool holds(double x, double y) const;
@@ -42,13 +41,13 @@ class Lens {
   struct Scale {
     double px_per_slope, px_per_radian;
   };
-  Scale scale(double focal_px, const Eigen::Vector2d& position) const;
+  Scale scale(double focal_px, const Vec2& position) const;
 
  private:
   struct Planes {
-    Eigen::Matrix3d lens_from_camera = Eigen::Matrix3d::Identity();  // rotation
-    Eigen::Matrix3d image_from_lens = Eigen::Matrix3d::Identity();
-    Eigen::Matrix3d lens_from_image = Eigen::Matrix3d::Identity();
+    Mat3 lens_from_camera = Mat3::identity();  // rotation
+    Mat3 image_from_lens = Mat3::identity();
+    Mat3 lens_from_image = Mat3::identity();
   };
   static std::optional<Planes> planes_of(const Distortion& distortion);
   static std::optional<Planes> planes_of(const Cahvor& cahvor);

@@ -91,7 +91,7 @@ std::optional<Vec3> pixel_direction(const View& view, const PixelRays* lens, int
 
 LinearRays::LinearRays(const View& view) {
   const Camera& c = view.camera();
-  const Eigen::Matrix3d& m = view.moon_from_camera();
+  const Mat3& m = view.moon_from_camera();
   right = m.col(0) / c.fx;
   down = m.col(1) / c.fy;
   first = m.col(2) - right * c.cx - down * c.cy;
@@ -152,7 +152,7 @@ void PacketRays::aim_at(const int* x, const int* y, const PixelRays* lens, Rays&
       continue;
     }
     const auto d = pixel_direction(view_, lens, x[i], y[i], 0, 0);
-    set_rotated_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+    set_rotated_ray(d.value_or(Vec3::unit_z()), m, origin, i, out);
     out.valid[i] = d.has_value();
   }
 }
@@ -185,7 +185,7 @@ void aim_rows(const RowViews& views, PacketShape shape, int x, int y, double dx,
       }
       const auto d = out.valid[i] ? pixel_direction(view, lens, x + c, line, dx, dy) : std::nullopt;
       out.valid[i] = d.has_value();
-      set_rotated_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+      set_rotated_ray(d.value_or(Vec3::unit_z()), m, origin, i, out);
     }
   }
 }

@@ -20,7 +20,7 @@ PixelRays::PixelRays(const Camera& camera, double dx, double dy, const StopToken
     for (std::size_t column = 0; column < width; ++column) {
       if (column % 64 == 0) stop.check();
       const Vec3 d = projection.direction(static_cast<double>(column) + dx, static_cast<double>(row) + dy)
-                         .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
+                         .value_or(Vec3::constant(std::numeric_limits<double>::quiet_NaN()));
       const std::size_t index = row * width + column;
       x[index] = d.x();
       y[index] = d.y();
@@ -79,7 +79,7 @@ PixelRays::PixelRays(const PixelRays& of_pixels, const Camera& camera, const Cam
       if (!std::isnan(x[index]) || std::isnan(of_pixels.x[pixel_index])) continue;
       // Next to the lens's fold a neighbour is missing: solve the pixel.
       const Vec3 d = projection.direction(static_cast<double>(column), static_cast<double>(row))
-                         .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
+                         .value_or(Vec3::constant(std::numeric_limits<double>::quiet_NaN()));
       x[index] = d.x();
       y[index] = d.y();
       if (!z.empty()) z[index] = d.z();

@@ -1,6 +1,5 @@
 #include "engine/camera/plane_distortion.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -11,12 +10,10 @@ namespace {
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 // Returns the vector whose product with the position is the Jacobian of the thin-prism terms.
-Eigen::Vector2d prism_gradient(const Distortion& d, double r2) {
-  return {2 * d.s1 + 4 * d.s2 * r2, 2 * d.s3 + 4 * d.s4 * r2};
-}
+Vec2 prism_gradient(const Distortion& d, double r2) { return {2 * d.s1 + 4 * d.s2 * r2, 2 * d.s3 + 4 * d.s4 * r2}; }
 
 // Returns true if a Jacobian is that of a map without a fold; a symmetric one is then positive definite.
-bool is_positive(const Eigen::Matrix2d& jacobian) { return jacobian.trace() > 0 && jacobian.determinant() > 1e-12; }
+bool is_positive(const Mat2& jacobian) { return jacobian.trace() > 0 && jacobian.determinant() > 1e-12; }
 
 // Returns the first radius at which is_valid(r) fails; infinite beyond RadialFactor::kFarthest.
 template <typename IsValid>
@@ -52,21 +49,20 @@ PlaneDistortion::PlaneDistortion(const Distortion& distortion, double linearity)
   max_radius_ = std::min(max_radius_, radial_.end_radius());
 }
 
-Eigen::Vector2d PlaneDistortion::distorted(double x, double y) const {
+Vec2 PlaneDistortion::distorted(double x, double y) const {
   const double r2 = x * x + y * y, k = radial_.at(r2);
-  const Eigen::Vector2d p{x * k + 2 * d_.p1 * x * y + d_.p2 * (r2 + 2 * x * x),
-                          y * k + d_.p1 * (r2 + 2 * y * y) + 2 * d_.p2 * x * y};
+  const Vec2 p{x * k + 2 * d_.p1 * x * y + d_.p2 * (r2 + 2 * x * x),
+               y * k + d_.p1 * (r2 + 2 * y * y) + 2 * d_.p2 * x * y};
   if (!has_prism_) return p;
-  return p + r2 * Eigen::Vector2d(d_.s1 + d_.s2 * r2, d_.s3 + d_.s4 * r2);
+  return p + r2 * Vec2(d_.s1 + d_.s2 * r2, d_.s3 + d_.s4 * r2);
 }
 
-Eigen::Matrix2d PlaneDistortion::jacobian(double x, double y) const {
+Mat2 PlaneDistortion::jacobian(double x, double y) const {
   const double r2 = x * x + y * y, k = radial_.at(r2), dk = radial_.twice_derivative(r2);
   const double mixed = x * y * dk + 2 * d_.p1 * x + 2 * d_.p2 * y;
-  Eigen::Matrix2d jacobian;
-  jacobian << k + x * x * dk + 2 * d_.p1 * y + 6 * d_.p2 * x, mixed, mixed,
-      k + y * y * dk + 6 * d_.p1 * y + 2 * d_.p2 * x;
-  if (has_prism_) jacobian += prism_gradient(d_, r2) * Eigen::RowVector2d(x, y);
+  Mat2 jacobian({k + x * x * dk + 2 * d_.p1 * y + 6 * d_.p2 * x, mixed},
+                {mixed, k + y * y * dk + 6 * d_.p1 * y + 2 * d_.p2 * x});
+  if (has_prism_) jacobian += outer(prism_gradient(d_, r2), {x, y});
   return jacobian;
 }
 
@@ -97,10 +93,10 @@ bool PlaneDistortion::holds(double x, double y) const {
 
 // Returns the position whose image is the target, by Newton's method from p with the exact Jacobian, in steps that stay
 // within the fold. It converges quadratically, so a failure means that the target is beyond the fold: then empty.
-std::optional<Eigen::Vector2d> PlaneDistortion::corrected(Eigen::Vector2d p, const Eigen::Vector2d& target) const {
-  Eigen::Matrix2d slope_matrix = jacobian(p.x(), p.y());
+std::optional<Vec2> PlaneDistortion::corrected(Vec2 p, const Vec2& target) const {
+  Mat2 slope_matrix = jacobian(p.x(), p.y());
   for (int i = 0; i < 50; ++i) {
-    Eigen::Vector2d step = slope_matrix.inverse() * (distorted(p.x(), p.y()) - target);
+    Vec2 step = slope_matrix.inverse() * (distorted(p.x(), p.y()) - target);
     const double max_step = 0.5 * std::max(0.1, p.norm());
     if (step.norm() > max_step) step *= max_step / step.norm();
     constexpr int kMaxHalvings = 8;
@@ -119,16 +115,16 @@ std::optional<Eigen::Vector2d> PlaneDistortion::corrected(Eigen::Vector2d p, con
 
 // Solves for targets along the line from the axis, each from the solution before, for targets that one Newton iteration
 // does not reach.
-std::optional<Eigen::Vector2d> PlaneDistortion::continued_from_axis(const Eigen::Vector2d& target) const {
+std::optional<Vec2> PlaneDistortion::continued_from_axis(const Vec2& target) const {
   constexpr int kSteps = 64;
-  std::optional<Eigen::Vector2d> p = Eigen::Vector2d::Zero();
+  std::optional<Vec2> p = Vec2::zero();
   for (int i = 1; i <= kSteps && p; ++i) p = corrected(*p, target * i / kSteps);
   return p;
 }
 
 // Returns the position whose image is the target, for a lens with radial terms only; empty beyond the fold. Only the
 // radius changes, and it grows up to the fold: Newton's method between brackets.
-std::optional<Eigen::Vector2d> PlaneDistortion::radially_undistorted(const Eigen::Vector2d& target) const {
+std::optional<Vec2> PlaneDistortion::radially_undistorted(const Vec2& target) const {
   const double target_radius = target.norm();
   if (target_radius == 0) return target;
   const auto mapped = [&](double r) { return r * radial_.at(r * r); };
@@ -149,11 +145,11 @@ std::optional<Eigen::Vector2d> PlaneDistortion::radially_undistorted(const Eigen
   return target * (r / target_radius);
 }
 
-std::optional<Eigen::Vector2d> PlaneDistortion::undistorted(double xd, double yd) const {
-  const Eigen::Vector2d target(xd, yd);
+std::optional<Vec2> PlaneDistortion::undistorted(double xd, double yd) const {
+  const Vec2 target(xd, yd);
   if (is_identity_) return target;
   if (is_radial_) return radially_undistorted(target);
-  Eigen::Vector2d start = target;
+  Vec2 start = target;
   if (start.norm() > valid_radius_) start *= 0.9 * valid_radius_ / start.norm();
   auto p = corrected(start, target);
   if (p && holds(p->x(), p->y())) return p;

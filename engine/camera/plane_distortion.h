@@ -9,7 +9,6 @@
 //      +-----------------> undistorted radius
 #pragma once
 
-#include <Eigen/Core>
 #include <limits>
 #include <optional>
 
@@ -24,11 +23,11 @@ class PlaneDistortion {
   explicit PlaneDistortion(const Distortion& distortion, double linearity = 1);
 
   // Maps an undistorted position to the distorted one.
-  Eigen::Vector2d distorted(double x, double y) const;
-  Eigen::Matrix2d jacobian(double x, double y) const;
+  Vec2 distorted(double x, double y) const;
+  Mat2 jacobian(double x, double y) const;
 
   // Inverts distorted(); empty if no valid position is mapped here.
-  std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
+  std::optional<Vec2> undistorted(double xd, double yd) const;
 
   // Returns true if the map is invertible between the axis and this position.
   bool holds(double x, double y) const;
@@ -40,9 +39,9 @@ class PlaneDistortion {
   bool is_brown() const { return radial_.polynomial() && !has_prism_; }
 
  private:
-  std::optional<Eigen::Vector2d> radially_undistorted(const Eigen::Vector2d& target) const;
-  std::optional<Eigen::Vector2d> corrected(Eigen::Vector2d from, const Eigen::Vector2d& target) const;
-  std::optional<Eigen::Vector2d> continued_from_axis(const Eigen::Vector2d& target) const;
+  std::optional<Vec2> radially_undistorted(const Vec2& target) const;
+  std::optional<Vec2> corrected(Vec2 from, const Vec2& target) const;
+  std::optional<Vec2> continued_from_axis(const Vec2& target) const;
   double fold_radius(double direction_x, double direction_y) const;
   double safe_radius() const;
 

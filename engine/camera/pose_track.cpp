@@ -52,8 +52,8 @@ Rates PoseTrack::rates_at(double seconds) const {
   const std::size_t segment = segment_of(seconds);
   const double length_s = poses_[segment + 1].time_s - poses_[segment].time_s;
   // A turn takes camera axes to later ones; from the camera, the Moon turns the opposite direction (moved()).
-  const Eigen::AngleAxisd& turn = turns_[segment];
-  return {-turn.angle() / kRadiansPerDegree / length_s * turn.axis(), velocity_at(segment, seconds)};
+  const AngleAxis& turn = turns_[segment];
+  return {-turn.angle_rad / kRadiansPerDegree / length_s * turn.axis, velocity_at(segment, seconds)};
 }
 
 Pose PoseTrack::at(double seconds) const {
@@ -61,10 +61,10 @@ Pose PoseTrack::at(double seconds) const {
   const std::size_t segment = segment_of(seconds);
   const PoseAtTime& from = poses_[segment];
   const double share = (seconds - from.time_s) / (poses_[segment + 1].time_s - from.time_s);
-  const Eigen::AngleAxisd& turn = turns_[segment];
+  const AngleAxis& turn = turns_[segment];
   Pose pose{position_at(segment, seconds), from.pose.camera_from_moon};
-  if (turn.angle() != 0)
-    pose.camera_from_moon = (Eigen::AngleAxisd(share * turn.angle(), turn.axis()) * pose.camera_from_moon).normalized();
+  if (turn.angle_rad != 0)
+    pose.camera_from_moon = (AngleAxis(share * turn.angle_rad, turn.axis) * pose.camera_from_moon).normalized();
   return pose;
 }
 

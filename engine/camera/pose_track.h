@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "dem/grid/rotation.h"
 #include "engine/frame/pose.h"
 #include "engine/frame/shutter.h"
 
@@ -32,8 +33,8 @@ class PoseTrack {
   Pose start_;
   Rates rates_;
   std::vector<PoseAtTime> poses_;
-  std::vector<Vec3> velocities_;          // velocities at the poses, m/s
-  std::vector<Eigen::AngleAxisd> turns_;  // rotation from each pose's attitude to the next
+  std::vector<Vec3> velocities_;  // velocities at the poses, m/s
+  std::vector<AngleAxis> turns_;  // rotation from each pose's attitude to the next
 };
 
 }  // namespace selenograph::engine

@@ -26,7 +26,7 @@ std::optional<PixelXY> Projection::image(const Vec3& c) const {
   if (!(c.z() > 0)) return std::nullopt;
   const double x = c.x() / c.z(), y = c.y() / c.z();
   if (!lens_.holds(x, y)) return std::nullopt;
-  const Eigen::Vector2d d = lens_.distorted(x, y);
+  const Vec2 d = lens_.distorted(x, y);
   return PixelXY{camera_.fx * d.x() + camera_.cx, camera_.fy * d.y() + camera_.cy};
 }
 

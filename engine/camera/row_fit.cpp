@@ -8,10 +8,8 @@ namespace {
 
 // Returns the matrix from (point - origin, 1) to camera axes.
 RowFit::Axes axes_of(const View& view, const Vec3& origin) {
-  RowFit::Axes axes;
-  axes.leftCols<3>() = view.moon_from_camera().transpose();
-  axes.col(3) = axes.leftCols<3>() * (origin - view.position());
-  return axes;
+  const Mat3 camera_from_moon = view.moon_from_camera().transpose();
+  return {camera_from_moon, camera_from_moon * (origin - view.position())};
 }
 
 // Returns the distance in the image between the position (x, row) and that of its point in a fit around `origin`.
@@ -19,7 +17,7 @@ double error_at(const View& view, const RowFit& fit, const Vec3& origin, int row
   const Camera& camera = view.camera();
   const Vec3 ray((x - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, 1);
   const Vec3 from_origin = view.position() - origin + distance_m * (view.moon_from_camera() * ray);
-  const Vec3 p = fit.at(row - fit.middle_row) * from_origin.homogeneous();
+  const Vec3 p = fit.at(row - fit.middle_row) * from_origin;
   return std::hypot(p.x() / p.z() * camera.fx + camera.cx - x, p.y() / p.z() * camera.fy + camera.cy - row);
 }
 

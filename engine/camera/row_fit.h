@@ -2,7 +2,6 @@
 // vertex, the row that images it.
 #pragma once
 
-#include <Eigen/Core>
 #include <array>
 
 #include "engine/camera/row_views.h"
@@ -12,7 +11,17 @@ namespace selenograph::engine {
 // The poses around a middle row. A point's camera axes in the row r below the middle one are
 //   (coefficients[0] + r coefficients[1] + r^2 coefficients[2]) (point - origin, 1).
 struct RowFit {
-  using Axes = Eigen::Matrix<double, 3, 4>;
+  struct Axes {
+    Mat3 turn = Mat3::zero();
+    Vec3 shift = Vec3::zero();
+    const Vec3& col(int i) const { return i < 3 ? turn.col(i) : shift; }
+    Vec3 operator*(const Vec3& from_origin) const { return turn * from_origin + shift; }
+    friend Axes operator*(const Mat3& m, const Axes& a) { return {m * a.turn, m * a.shift}; }
+    friend Axes operator*(double s, const Axes& a) { return {s * a.turn, s * a.shift}; }
+    friend Axes operator/(const Axes& a, double s) { return {a.turn / s, a.shift / s}; }
+    friend Axes operator+(const Axes& a, const Axes& b) { return {a.turn + b.turn, a.shift + b.shift}; }
+    friend Axes operator-(const Axes& a, const Axes& b) { return {a.turn - b.turn, a.shift - b.shift}; }
+  };
 
   // Fits the views of three rows that are up to kReach rows apart. The frame has at least three rows.
   RowFit(const RowViews& views, int row, const Vec3& origin);

@@ -13,8 +13,8 @@ namespace {
 constexpr double kFarthest_m = 2e12;
 
 double turn_between(const Pose& a, const Pose& b) {
-  if (a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs()) return 0;
-  return a.camera_from_moon.angularDistance(b.camera_from_moon);
+  if (a.camera_from_moon == b.camera_from_moon) return 0;
+  return a.camera_from_moon.angle_to(b.camera_from_moon);
 }
 
 }  // namespace
@@ -62,7 +62,7 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   for (int row = 0; row < height_; ++row) {
     if (row % 64 == 0) stop.check();
     poses.push_back(track_->at(shutter->time_s(row)));
-    if (!(poses.back().position_m.array().abs() <= kFarthest_m).all())
+    if (!poses.back().position_m.is_within(kFarthest_m))
       throw ImpossibleRequest("the camera moves more than 2e12 m from the Moon's centre", "shutter");
     rows_.push_back(reference_.at(poses.back()));
     if (row > 0) extend_max_step(poses[poses.size() - 2], poses.back());
@@ -212,7 +212,7 @@ Vec3 RowViews::camera_seeing(const Vec3& point_m) const {
   if (!vary()) return reference_.position();
   if (const auto sighted = find(point_m)) return sighted->camera_m;
   const auto squared_distance = [&](const ViewBundle& bundle) {
-    return (bundle.view.position() - point_m).squaredNorm();
+    return (bundle.view.position() - point_m).squared_norm();
   };
   return std::min_element(
              bundles_.begin(), bundles_.end(),

@@ -7,7 +7,7 @@
 // best in the sense of least squares.
 #pragma once
 
-#include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -37,31 +37,31 @@ class SightTable {
   double centre_px(int axis, int pixels) const { return -first_[axis] * focal_px(axis, pixels); }
 
   // Returns the position on the plane z = 1 of an image position; empty farther than half an image beyond the border.
-  std::optional<Eigen::Vector2d> plane(const Eigen::Vector2d& image) const;
+  std::optional<Vec2> plane(const Vec2& image) const;
   // Returns the image position of a position on the plane z = 1; empty if none within reach maps there.
-  std::optional<Eigen::Vector2d> image(const Eigen::Vector2d& plane) const;
+  std::optional<Vec2> image(const Vec2& plane) const;
   // Returns the derivative of image() there.
-  Eigen::Matrix2d jacobian(const Eigen::Vector2d& plane) const;
+  Mat2 jacobian(const Vec2& plane) const;
   // Upper bound of the distance from the axis of positions that plane() returns.
   double reach() const { return reach_; }
 
  private:
   // Position on the plane and its derivative by the image position.
   struct Sight {
-    Eigen::Vector2d position;
-    Eigen::Matrix2d derivative;
+    Vec2 position;
+    Mat2 derivative;
   };
-  Sight sight(const Eigen::Vector2d& image) const;
-  bool is_near(const Eigen::Vector2d& image) const;
+  Sight sight(const Vec2& image) const;
+  bool is_near(const Vec2& image) const;
   void fit(const std::string& file);
   void check_one_to_one(const std::string& file);
-  Eigen::Vector2d node(std::ptrdiff_t column, std::ptrdiff_t row) const;
+  Vec2 node(std::ptrdiff_t column, std::ptrdiff_t row) const;
 
   std::string name_;
-  Eigen::Array<std::ptrdiff_t, 2, 1> nodes_;  // columns, rows
-  std::vector<Eigen::Vector2d> slopes_;       // x / z, y / z
+  std::array<std::ptrdiff_t, 2> nodes_;  // columns, rows
+  std::vector<Vec2> slopes_;             // x / z, y / z
   std::uint64_t fingerprint_ = 0;
-  Eigen::Array2d first_, span_;  // image position of the first node, and extent of the nodes
+  Vec2 first_, span_;  // image position of the first node, and extent of the nodes
   double reach_ = 0;
 };
 

@@ -29,8 +29,8 @@ View View::at(const Pose& pose) const {
 
 void View::set_pose(const Pose& pose) {
   position_ = pose.position_m;
-  camera_from_moon_ = pose.camera_from_moon.normalized().toRotationMatrix();
-  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
+  camera_from_moon_ = pose.camera_from_moon.normalized().matrix();
+  if (!position_.is_finite() || !camera_from_moon_.is_finite()) throw ImpossibleRequest("pose: not finite");
   moon_from_camera_ = camera_from_moon_.transpose();
 }
 

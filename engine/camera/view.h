@@ -21,7 +21,7 @@ class View {
 
   const Camera& camera() const { return camera_; }
   const Vec3& position() const { return position_; }
-  const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
+  const Mat3& moon_from_camera() const { return moon_from_camera_; }
   // Returns the unit direction of the image's middle. It differs from the boresight if the image is a crop of a larger
   // one.
   Vec3 middle() const;
@@ -66,7 +66,7 @@ class View {
   Camera camera_;
   Projection projection_;
   Vec3 position_;
-  Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
+  Mat3 camera_from_moon_, moon_from_camera_;
   // slopes x/z and y/z of the image border, enlarged by a small margin
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   std::array<double, 4> per_length_{};  // 1 / length of the vectors (1, slope), in that order

@@ -42,9 +42,9 @@ struct FisheyeDistortion {
 // with chi = |q| / z' as in RadialFactor (engine/camera/radial_factor.h), and then imaged at the pixel (h . p' / a .
 // p', v . p' / a . p'). Vectors are in camera axes.
 struct Cahvor {
-  Vec3 a = Vec3::UnitZ(), h = Vec3::UnitX(), v = Vec3::UnitY();  // a: unit vector; h and v: pixels
-  Vec3 o = Vec3::UnitZ();                                        // unit vector of the optical axis
-  Vec3 r = Vec3::Zero();
+  Vec3 a = Vec3::unit_z(), h = Vec3::unit_x(), v = Vec3::unit_y();  // a: unit vector; h and v: pixels
+  Vec3 o = Vec3::unit_z();                                          // unit vector of the optical axis
+  Vec3 r = Vec3::zero();
   double linearity = 1;  // 1: CAHVOR; CAHVORE: from -1 to 1, 0 for its fisheye
 
   // Focal lengths and principal point, pixels.

@@ -9,7 +9,7 @@ namespace selenograph::engine {
 
 // The Earth as a source of light: a uniform disc.
 struct Earth {
-  Vec3 direction = Vec3::UnitX();  // unit vector from the Moon toward the Earth, MOON_ME
+  Vec3 direction = Vec3::unit_x();  // unit vector from the Moon toward the Earth, MOON_ME
   double distance_m = 384.4e6;
 };
 

@@ -8,8 +8,7 @@ Pose moved(const Pose& pose, const Rates& rates, double seconds) {
   Pose later = pose;
   later.position_m += rates.velocity_m_s * seconds;
   // From the camera, the Moon turns in the opposite direction.
-  if (angle > 0)
-    later.camera_from_moon = (Eigen::AngleAxisd(-angle, turn / angle) * pose.camera_from_moon).normalized();
+  if (angle > 0) later.camera_from_moon = (AngleAxis(-angle, turn / angle) * pose.camera_from_moon).normalized();
   return later;
 }
 

@@ -27,7 +27,7 @@ struct EarthMap {
 // State of a body relative to the Moon's centre, ICRF axes, as spkezr of SPICE has it with the correction "LT": the
 // Moon at the epoch, the body when the light left that reaches the Moon's centre then.
 struct BodyState {
-  Vec3 position_m = Vec3::Zero(), velocity_m_s = Vec3::Zero();
+  Vec3 position_m = Vec3::zero(), velocity_m_s = Vec3::zero();
 };
 using BodyStates = std::map<std::string, BodyState, std::less<>>;  // by the names of /v1/sky: "sun", "earth", "venus"
 
@@ -39,7 +39,7 @@ struct SkyOptions {
   EarthMap earth_map;
   // Velocity of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes
   // of MOON_ME: for aberration.
-  Vec3 velocity_m_s = Vec3::Zero();
+  Vec3 velocity_m_s = Vec3::zero();
   BodyStates states;  // of an ephemeris; bodies without one have the theories of SkyObserver
   bool any() const { return stars || sun || earth || planets; }
 };
@@ -52,8 +52,8 @@ enum class HiddenBy { none, moon, object, earth };
 struct SkyObject {
   SkyKind kind = SkyKind::star;
   std::string id;  // a star's identifier in its catalogue; a planet's name
-  Vec3 direction_icrf = Vec3::Zero(),
-       direction = Vec3::Zero();  // unit vectors, apparent; `direction` along axes of MOON_ME
+  Vec3 direction_icrf = Vec3::zero(),
+       direction = Vec3::zero();  // unit vectors, apparent; `direction` along axes of MOON_ME
   double v_mag = 0;
   double irradiance_w_m2 = 0;  // at normal incidence, in the request's band
   // irradiance_w_m2, weighted as the detector counts photons (in_photons); 0 without a sensor

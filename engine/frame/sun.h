@@ -11,7 +11,7 @@ namespace selenograph::engine {
 inline constexpr double kAstronomicalUnit_m = 149597870700;
 
 struct Sun {
-  Vec3 direction = Vec3::UnitX();  // unit vector from the Moon toward the Sun
+  Vec3 direction = Vec3::unit_x();  // unit vector from the Moon toward the Sun
   double distance_au = 1.0;
   double angular_radius_deg = 0.0;  // 0: a point Sun, hard shadows
   // Coefficient u of the disc's limb darkening, 1 - u (1 - mu), mu: cosine of the angle from the Sun's own vertical; 0:

@@ -1,7 +1,6 @@
 // Regions of an image, and the subset of pixels for ground-truth products: all products except image and radiance.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstddef>
 #include <optional>
 
@@ -19,7 +18,7 @@ struct TruthGrid : ImageRegion {
 
   int every_px = 1;
   // MOON_ME, m: positions are stored relative to it, as float. Empty: absolute, as double.
-  std::optional<Eigen::Vector3d> position_origin_m{};
+  std::optional<Vec3> position_origin_m{};
   Floats distances = Floats::float64;  // format of depth and range
 
   int columns() const { return (width + every_px - 1) / every_px; }

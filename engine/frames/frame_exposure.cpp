@@ -98,7 +98,7 @@ std::vector<Ray> rays_to_sun_beside_image(const Exposing& exposing, std::span<co
   const std::optional<EarthFigure> earth = request.sky ? std::optional(earth_of(request, views)) : std::nullopt;
   std::vector<Ray> rays;
   for (const Vec3& direction : places) {
-    const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
+    const auto pixel = view.projection().image(view.moon_from_camera().transpose_times(direction));
     const bool in_image = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
                           pixel->y < request.camera.height - 0.5;
     const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
@@ -113,7 +113,7 @@ void add_glare(const Exposing& exposing) {
   const FrameRequest& request = exposing.plan.request;
   const RenderContext& context = exposing.context;
   const View& view = exposing.middle.selected.views.reference();
-  const Vec3 toward_sun = view.moon_from_camera().transpose() * request.sun.direction;
+  const Vec3 toward_sun = view.moon_from_camera().transpose_times(request.sun.direction);
   const double within_deg = request.sensor->optics.stray_light.sun_within_deg;
   if (!(toward_sun.z() > std::cos(within_deg * kRadiansPerDegree))) return;
   constexpr int kAcross = 9;  // points on the Sun's diameter

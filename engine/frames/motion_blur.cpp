@@ -17,7 +17,7 @@ constexpr double kFar_m = 1e9;
 // Returns the range to a sphere around the origin along a unit direction; kFar_m if it is missed or left from inside.
 double range_to_sphere(const Vec3& from, const Vec3& direction, double radius) {
   const double closest = -from.dot(direction);
-  const double inside = radius * radius - (from + closest * direction).squaredNorm();
+  const double inside = radius * radius - (from + closest * direction).squared_norm();
   const double range = closest - std::sqrt(std::max(0.0, inside));
   return inside > 0 && range > 0 ? range : kFar_m;
 }

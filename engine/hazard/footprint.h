@@ -1,7 +1,6 @@
 // The pixels of a map that a lander's footprint covers when it is centred on a pixel.
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 #include <vector>
 
@@ -16,21 +15,21 @@ struct FootprintRow {
 };
 
 struct FootprintOnMap {
-  Eigen::Matrix2d metres_per_px;      // columns: (east, north) of one pixel to the right and of one down
-  std::vector<FootprintRow> rows;     // from the top; none is empty
-  int reach_px() const;               // largest offset from the centre along rows or columns
-  std::vector<Eigen::Vector2i> pads;  // (right, down) offsets of the legs; empty: the lander stands on all of it
+  Mat2 metres_per_px;              // columns: (east, north) of one pixel to the right and of one down
+  std::vector<FootprintRow> rows;  // from the top; none is empty
+  int reach_px() const;            // largest offset from the centre along rows or columns
+  std::vector<Vec2i> pads;         // (right, down) offsets of the legs; empty: the lander stands on all of it
 };
 
 // Returns the map's scale at a pixel whose ground has a height above the datum; columns as in FootprintOnMap. Empty if
 // the pixel or a neighbour is off the Moon.
-std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row, double height_m);
+std::optional<Mat2> metres_per_px(const dem::MapGrid& grid, int column, int row, double height_m);
 
 // Returns a close upper bound of a footprint's reach_px(), without finding its pixels. Infinite if the map is stretched
 // without bounds.
-double reach_upper_bound_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px);
+double reach_upper_bound_px(const LanderFootprint& footprint, const Mat2& metres_per_px);
 
 // Returns the pixels whose centres the footprint covers. Takes time in proportion to the footprint's area.
-FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px);
+FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Mat2& metres_per_px);
 
 }  // namespace selenograph::engine

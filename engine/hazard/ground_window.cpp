@@ -1,6 +1,6 @@
 #include "engine/hazard/ground_window.h"
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -11,11 +11,11 @@ namespace {
 // Returns the inverse of a plane's normal equations for the unknowns height, slope to the right, slope down. Calls
 // visit_offsets(add), which calls add(right, down) for each pixel that the lander stands on.
 template <typename VisitOffsets>
-Eigen::Matrix3d inverse_of_normal_equations(const VisitOffsets& visit_offsets) {
-  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+Mat3 inverse_of_normal_equations(const VisitOffsets& visit_offsets) {
+  Mat3 sum = Mat3::zero();
   visit_offsets([&](int right, int down) {
-    const Eigen::Vector3d row(1, right, down);
-    sum += row * row.transpose();
+    const Vec3 row(1, right, down);
+    sum += Mat3(row, row * right, row * down);
   });
   return sum.inverse();
 }
@@ -32,7 +32,7 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
     covered_ += r.past_last - r.first;
   }
   int up = std::max(0, -footprint.rows.front().row), down = std::max(0, footprint.rows.back().row);
-  for (const Eigen::Vector2i& pad : footprint.pads) {
+  for (const Vec2i& pad : footprint.pads) {
     left = std::max(left, -pad.x());
     right = std::max(right, pad.x());
     up = std::max(up, -pad.y());
@@ -52,7 +52,7 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
       for (const FootprintRow& r : footprint.rows)
         for (int x = r.first; x < r.past_last; ++x) add(x, r.row);
     }
-    for (const Eigen::Vector2i& pad : footprint.pads) add(pad.x(), pad.y());
+    for (const Vec2i& pad : footprint.pads) add(pad.x(), pad.y());
   });
 }
 
@@ -164,7 +164,7 @@ void GroundWindow::fit_area(int row, std::span<Plane> planes) const {
     }
   }
   for (std::size_t i = 0; i < width; ++i) {
-    const Eigen::Vector3d plane = inverse_ * Eigen::Vector3d(sum[i], right[i], down[i]);
+    const Vec3 plane = inverse_ * Vec3(sum[i], right[i], down[i]);
     planes[i] = {plane[0], plane[1], plane[2]};
   }
 }
@@ -174,16 +174,15 @@ void GroundWindow::fit_pads(int row, std::span<Plane> planes) const {
   const int y = square_.y - top_ + row;
   for (int i = 0; i < square_.width; ++i) {
     const int x = square_.x - left_ + i;
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (const Eigen::Vector2i& pad : footprint_.pads)
-      sum += height(x + pad.x(), y + pad.y()) * Eigen::Vector3d(1, pad.x(), pad.y());
-    for (const Eigen::Vector2i& pad : footprint_.pads) {
+    Vec3 sum = Vec3::zero();
+    for (const Vec2i& pad : footprint_.pads) sum += height(x + pad.x(), y + pad.y()) * Vec3(1, pad.x(), pad.y());
+    for (const Vec2i& pad : footprint_.pads) {
       if (missing_.running.empty()) break;
       // The running count grows across the pad's pixel if it is a void.
       const int* missing = missing_.row(y + pad.y()) + x + pad.x();
-      if (missing[1] > missing[0]) sum.setConstant(std::numeric_limits<double>::quiet_NaN());
+      if (missing[1] > missing[0]) sum = Vec3::constant(std::numeric_limits<double>::quiet_NaN());
     }
-    const Eigen::Vector3d plane = inverse_ * sum;
+    const Vec3 plane = inverse_ * sum;
     planes[static_cast<std::size_t>(i)] = {plane[0], plane[1], plane[2]};
   }
 }
@@ -202,15 +201,17 @@ void GroundWindow::count(const Sums<T>& sums, int row, std::span<int> out) const
 
 // The planes of eight neighbouring pixels, and the largest vertical distance found from each.
 struct GroundWindow::PlaneLanes {
+  using Lanes = Eigen::Array<double, kLanes, 1>;
   int x, y;  // first pixel, in the window
   Lanes centre_m, right, down;
-  Lanes farthest_m;       // infinite: lane without a plane
-  Eigen::Vector2i pixel;  // in the window: the pixel that last enlarged farthest_m
+  Lanes farthest_m;  // infinite: lane without a plane
+  Vec2i pixel;       // in the window: the pixel that last enlarged farthest_m
 };
 
 // Finds the farthest ground from each lane's plane. Searches only cells whose bounds allow ground farther than found so
 // far.
 void GroundWindow::find_farthest(PlaneLanes& lanes) const {
+  using Lanes = PlaneLanes::Lanes;
   constexpr double kRounding_m = 1e-9;
   // Heights of the planes at the window's left, in the row of the lanes.
   const Lanes left_planes_m = lanes.centre_m - lanes.right * (lanes.x + Lanes::LinSpaced(0, kLanes - 1));
@@ -246,6 +247,7 @@ void GroundWindow::find_farthest(PlaneLanes& lanes) const {
 // Searches the covered pixels of a cell, eight of a row at once. Where the footprint covers only some of the cell's
 // pixels in a row, the eight shift to include other covered pixels: they belong to the footprint, too.
 void GroundWindow::search_cell(int column, std::span<const FootprintRow> rows, int lane, PlaneLanes& lanes) const {
+  using Lanes = PlaneLanes::Lanes;
   const int x = lanes.x + lane, left = column * kCell - x;  // left: the cell's offset from the lane's pixel
   const Lanes steps_m = lanes.right[lane] * Lanes::LinSpaced(0, kLanes - 1);  // of the plane, from pixel to pixel
   double farthest_m = lanes.farthest_m[lane];
@@ -265,7 +267,7 @@ void GroundWindow::search_cell(int column, std::span<const FootprintRow> rows, i
 
 // Updates all lanes with one pixel: ground far from one plane is far from its neighbours' planes, and large distances
 // found early let more cells be skipped.
-void GroundWindow::update_neighbours(const Eigen::Vector2i& pixel, PlaneLanes& lanes) const {
+void GroundWindow::update_neighbours(const Vec2i& pixel, PlaneLanes& lanes) const {
   const int row = pixel.y() - lanes.y - footprint_.rows.front().row;
   if (row < 0 || row >= static_cast<int>(footprint_.rows.size())) return;
   const FootprintRow& r = footprint_.rows[static_cast<std::size_t>(row)];
@@ -314,10 +316,10 @@ void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
   count(rocks_, row, rocks);
   count(high_, row, high);
   // Slopes per pixel are metres_per_px^T times the gradient (east, north).
-  const Eigen::Matrix2d to_gradient = footprint_.metres_per_px.transpose().inverse();
+  const Mat2 to_gradient = footprint_.metres_per_px.transpose().inverse();
   std::vector<double> gradient(out.size()), farthest_m(out.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
-    gradient[i] = (to_gradient * Eigen::Vector2d(planes[i].right + trend_.right, planes[i].down + trend_.down)).norm();
+    gradient[i] = (to_gradient * Vec2(planes[i].right + trend_.right, planes[i].down + trend_.down)).norm();
     // Start a little below the limit: by rounding, a distance at the limit must not exceed it.
     farthest_m[i] = min_roughness_m_.value_or(0) * (1 - 1e-12) * std::sqrt(1 + gradient[i] * gradient[i]);
   }

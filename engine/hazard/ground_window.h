@@ -49,7 +49,7 @@ class GroundWindow {
                const FootprintOnMap& footprint, const Limits& limits);
 
   // Returns false if the pixels that the lander stands on are collinear: they determine no plane.
-  bool has_planes() const { return inverse_.allFinite(); }
+  bool has_planes() const { return inverse_.is_finite(); }
 
   // Measures the footprints centred on the pixels of a row of the square.
   void measure(int row, std::span<FootprintMeasures> out) const;
@@ -82,12 +82,11 @@ class GroundWindow {
   void count(const Sums<T>& sums, int row, std::span<int> out) const;
   // Lanes: eight neighbouring pixels of a row, whose planes are compared with a cell at once.
   static constexpr int kLanes = 8;
-  using Lanes = Eigen::Array<double, kLanes, 1>;
   struct PlaneLanes;
   void find_farthest(PlaneLanes& lanes) const;
   void search_cell(int column, std::span<const FootprintRow> rows, int lane, PlaneLanes& lanes) const;
   void find_roughness(int row, std::span<const Plane> planes, std::span<double> farthest_m) const;
-  void update_neighbours(const Eigen::Vector2i& pixel, PlaneLanes& lanes) const;
+  void update_neighbours(const Vec2i& pixel, PlaneLanes& lanes) const;
   std::size_t index(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
   }
@@ -102,7 +101,7 @@ class GroundWindow {
   std::vector<double> heights_;       // above the trend; 0: no data
   Sums<double> sum_, moment_;         // sums of heights, and of column times height
   Sums<int> missing_, rocks_, high_;  // counts of voids, of pixels of rocks, of those higher than the limit
-  Eigen::Matrix3d inverse_;           // of the normal equations over the pixels that the lander stands on
+  Mat3 inverse_;                      // of the normal equations over the pixels that the lander stands on
   int covered_ = 0;                   // pixels of the footprint
   // kCell x kCell pixels of the window: a plane, with its height at the cell's centre, and bounds of heights about it.
   struct Cell {

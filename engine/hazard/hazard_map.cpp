@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -24,7 +23,7 @@ constexpr ProductSet kFootprintOnly = kRockCover | kRoughness | kHazard;
 
 // Returns the map's scale at a pixel with the lowest possible ground, where a footprint covers most pixels; empty off
 // the Moon.
-std::optional<Eigen::Matrix2d> lowest_scale(const MapRequest& request, int column, int row) {
+std::optional<Mat2> lowest_scale(const MapRequest& request, int column, int row) {
   return metres_per_px(request.grid, column, row, static_cast<double>(dem::kLowestRelief_m));
 }
 
@@ -117,7 +116,7 @@ class HazardMap {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(drawn_.grid.width) + static_cast<std::size_t>(x);
   }
 
-  std::optional<Eigen::Matrix2d> scale_at(int x, int y) const {
+  std::optional<Mat2> scale_at(int x, int y) const {
     const double height_m = products_.height[index(x, y)];
     return metres_per_px(drawn_.grid, x, y, std::isnan(height_m) ? 0 : height_m);
   }
@@ -138,9 +137,9 @@ class HazardMap {
     if (!scale) return false;
     // `deformation` takes metres at the middle to metres here for equal offsets in pixels. Its strain (Green-Lagrange)
     // does not count rotation.
-    const Eigen::Matrix2d identity = Eigen::Matrix2d::Identity();
-    const Eigen::Matrix2d deformation = *scale * middle.metres_per_px.inverse();
-    const Eigen::Matrix2d strain = (deformation.transpose() * deformation - identity) / 2;
+    const Mat2 identity = Mat2::identity();
+    const Mat2 deformation = *scale * middle.metres_per_px.inverse();
+    const Mat2 strain = (deformation.transpose() * deformation - identity) / 2;
     if (!(strain.norm() < kMaxScaleError)) return false;
     const double shift_per_px = (scale->inverse() * middle.metres_per_px - identity).norm();
     const bool is_disc = request_.footprint->shape == LanderFootprint::Shape::disc;

@@ -46,7 +46,7 @@ struct PixelLattice {
 struct PlaceTile {
   std::vector<PlacePacket> packets;
   std::vector<std::size_t> group_begins{0};  // first packet of each group of neighbours, and the number of packets
-  Vec3 centre = Vec3::Zero();
+  Vec3 centre = Vec3::zero();
   double half_m = 0;  // half the side of the square that holds all places, on the gnomonic plane around the centre
   std::size_t places = 0;
   std::optional<PixelLattice> lattice;
@@ -54,13 +54,13 @@ struct PlaceTile {
 
 // Sets the centre and the size of a tile. Returns false if it has no places or is too wide for a plane.
 bool enclose(PlaceTile& tile) {
-  Vec3 sum = Vec3::Zero();
+  Vec3 sum = Vec3::zero();
   for (const PlacePacket& packet : tile.packets)
     for (std::size_t i = 0; i < kPacket; ++i)
       if (packet.index[i] >= 0) sum += packet.up[i];
   if (!(sum.norm() > 1e-3)) return false;
   tile.centre = sum.normalized();
-  const Eigen::Matrix3d axes = relief_axes(tile.centre);
+  const Mat3 axes = relief_axes(tile.centre);
   for (const PlacePacket& packet : tile.packets)
     for (std::size_t i = 0; i < kPacket; ++i) {
       if (packet.index[i] < 0) continue;
@@ -75,14 +75,14 @@ bool enclose(PlaceTile& tile) {
 
 // Returns the spacing of the finest posts around a tile, m.
 double finest_spacing_m(const PlaceTile& tile, const dem::Terrain& terrain) {
-  const Eigen::Matrix3d axes = relief_axes(tile.centre);
+  const Mat3 axes = relief_axes(tile.centre);
   constexpr int kSamples = 4;              // on each side of the centre
   constexpr double kSurroundings_m = 500;  // posts of finer ground farther away are read at the tile's spacing
   const double step_m = (tile.half_m + kSurroundings_m) / kSamples;
   int finest = 0;
   for (int row = -kSamples; row <= kSamples; ++row)
     for (int column = -kSamples; column <= kSamples; ++column) {
-      const Vec3 d = axes.transpose() * Vec3(column * step_m, row * step_m, kMoonRadius_m).normalized();
+      const Vec3 d = axes.transpose_times(Vec3(column * step_m, row * step_m, kMoonRadius_m).normalized());
       const Geographic position = to_geographic(d * kMoonRadius_m);
       const dem::Ticks ticks = dem::ticks_of(position.lat_deg, position.lon_deg);
       const dem::BlockId id = dem::block_at(dem::kMaxLevel, ticks.whole_lat, ticks.whole_lon);
@@ -305,20 +305,20 @@ std::optional<PixelLattice> lattice_of(const dem::MapGrid& grid, const PixelRect
   PixelLattice lattice{rect.x + rect.width / 2, rect.y + rect.height / 2, 0, 0};
   const std::optional<Vec3> centre = map.direction(grid.point(lattice.column, lattice.row));
   if (!centre) return std::nullopt;
-  const Eigen::Matrix3d axes = relief_axes(*centre);
+  const Mat3 axes = relief_axes(*centre);
   // Returns the position in the plane of a pixel by its distance from the middle; NaN beyond the Moon's limb.
-  const auto position = [&](int columns, int rows) -> Eigen::Vector2d {
+  const auto position = [&](int columns, int rows) -> Vec2 {
     const std::optional<Vec3> up = map.direction(grid.point(lattice.column + columns, lattice.row + rows));
     const Vec3 p = up ? axes * *up : Vec3(std::nan(""), 0, 0);
-    return kMoonRadius_m / p.z() * p.head<2>();
+    return kMoonRadius_m / p.z() * p.xy();
   };
   const int half = std::max(1, std::max(rect.width, rect.height) / 2);
-  const Eigen::Vector2d step = (position(half, 0) - position(-half, 0)) / (2 * half);
+  const Vec2 step = (position(half, 0) - position(-half, 0)) / (2 * half);
   lattice.spacing_m = step.norm();
   lattice.turn_rad = std::atan2(step.y(), step.x());
   for (const int rows : {-half, 0, half})
     for (const int columns : {-half, 0, half}) {
-      const Eigen::Vector2d node = columns * step + rows * Eigen::Vector2d(step.y(), -step.x());
+      const Vec2 node = columns * step + rows * Vec2(step.y(), -step.x());
       if (!((position(columns, rows) - node).norm() <= max_shift_m)) return std::nullopt;
     }
   return lattice;

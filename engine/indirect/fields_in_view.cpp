@@ -202,7 +202,7 @@ class Marks {
 
   // Corners of rectangles of the plane, in posts from the south-west (FieldPlane::posts_from_south_west). Rectangles
   // outside the field are clamped to its border.
-  using Corner = Eigen::Vector2d;
+  using Corner = Vec2;
   // Marks tiles that blocks of this field cover.
   void cover(const Corner& low_corner, const Corner& high_corner) {
     each_row(low_corner, high_corner, [&](std::size_t tile, int) { covered_[tile] = true; });
@@ -312,16 +312,16 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
     for (int c = 0; c < quads; c += size) {
       const QuadRect rect = with_collapsed_border({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
       if (!may_be_visible(views, block, rect, block_heights, std::max(margin_m, kTallestRock_m))) continue;
-      Eigen::Vector2d low_corner(1e9, 1e9), high_corner(-1e9, -1e9);
+      Vec2 low_corner(1e9, 1e9), high_corner(-1e9, -1e9);
       for (const int row : {rect.south, rect.north})
         for (const int column : {rect.west, (rect.west + rect.east) / 2, rect.east}) {
-          const Eigen::Vector2d corner = plane.posts_from_south_west(posts.position(row, column, 0));
-          low_corner = low_corner.cwiseMin(corner);
-          high_corner = high_corner.cwiseMax(corner);
+          const Vec2 corner = plane.posts_from_south_west(posts.position(row, column, 0));
+          low_corner = min_of(low_corner, corner);
+          high_corner = max_of(high_corner, corner);
         }
       // Parallels bend by less than half a post between these corners.
-      low_corner.array() -= 0.5;
-      high_corner.array() += 0.5;
+      low_corner -= Vec2(0.5, 0.5);
+      high_corner += Vec2(0.5, 0.5);
       marks.cover(low_corner, high_corner);
       const dem::HeightRange rect_heights = heights_of(block, rect);
       const bool has_data = rect_heights.low <= rect_heights.high;
@@ -337,12 +337,11 @@ void mark_below(const ViewOfGround& view, const FieldPlane& plane, Marks& marks)
   const auto for_each = [&](std::span<const Ball> balls, double max_reach, const auto& mark) {
     for (const Ball& ball : balls) {
       const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, max_reach);
-      const Eigen::Vector2d centre = plane.posts_from_south_west(ball.centre_m),
-                            from_middle = centre.array() - plane.middle();
+      const Vec2 centre = plane.posts_from_south_west(ball.centre_m),
+                 from_middle = centre - Vec2(plane.middle(), plane.middle());
       // Skip objects on the other side of the Moon, which the plane does not show, and in other fields.
-      const bool in_field =
-          ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
-      if (in_field && may_be_visible(view.views, ball)) mark(centre.array() - reach, centre.array() + reach);
+      const bool in_field = ball.centre_m.dot(plane.centre()) > 0 && from_middle.max_abs() - reach < plane.middle();
+      if (in_field && may_be_visible(view.views, ball)) mark(centre - Vec2(reach, reach), centre + Vec2(reach, reach));
     }
   };
   constexpr double kMaxReachOfObject = 32;

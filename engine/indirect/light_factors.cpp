@@ -67,7 +67,7 @@ void ViewDirections(const Vec3& first, const Vec3& next, const EyeLanes& eye, co
 }
 
 // Writes the sectors of post `i` of a row into eight lanes from `lane` on.
-void SetSectors(const LightPost& post, const Eigen::Vector3f& normal, const ViewLanes& to_viewer, int i, int lane,
+void SetSectors(const LightPost& post, const Vec3f& normal, const ViewLanes& to_viewer, int i, int lane,
                 SectorLanes& out) {
   const float *x = post.x, *y = post.y, *z = post.z;
   const float nx = normal.x(), ny = normal.y(), nz = normal.z(), lx = to_viewer.x[i], ly = to_viewer.y[i],
@@ -124,7 +124,7 @@ namespace {
 template <typename Position>
 void set_eyes(const Viewer& viewer, const PostGround* ground, const Position& position_m, EyeLanes& out) {
   // A viewer that does not vary is the same for all ground, so any position will do.
-  Vec3 eye = viewer.varies() ? Vec3::Zero() : viewer.eye_for(Vec3::Zero());
+  Vec3 eye = viewer.varies() ? Vec3::zero() : viewer.eye_for(Vec3::zero());
   for (int i = 0; i < kPacket; ++i) {
     // A post without data has no position on the ground; it takes the eye of the post before.
     if (viewer.varies() && !std::isnan(ground[i].height_m))

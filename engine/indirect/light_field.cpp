@@ -62,12 +62,12 @@ FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m
   constexpr double kBlockReach = 48, kBend = 1.02;
   const double reach = field.closer ? kBlockReach * (1 << kCloser) : kBlockReach;
   tiles_ = 2 * static_cast<int>(std::ceil((kBend * half_m / spacing_m_ + reach) / kTileQuads));
-  posts_ = axes_;
-  posts_.topRows<2>() *= kMoonRadius_m / spacing_m_;
+  const double posts_per_slope = kMoonRadius_m / spacing_m_;
+  posts_ = {axes_.row(0) * posts_per_slope, axes_.row(1) * posts_per_slope, axes_.row(2)};
 }
 
 FieldPost FieldPlane::post_at(const Vec3& position_m) const {
-  const Eigen::Vector2d position = posts_from_south_west(position_m);
+  const Vec2 position = posts_from_south_west(position_m);
   const int quads = tiles_ * kTileQuads;
   const auto first_post = [&](double posts) {
     return std::min(static_cast<int>(std::clamp(posts, 0.0, double(quads))), quads - 1);
@@ -78,7 +78,7 @@ FieldPost FieldPlane::post_at(const Vec3& position_m) const {
 }
 
 Vec3 FieldPlane::position_m(int column, int row) const {
-  return axes_.transpose() * Vec3((column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m);
+  return axes_.transpose_times({(column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m});
 }
 
 }  // namespace selenograph::engine

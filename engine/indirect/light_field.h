@@ -4,7 +4,6 @@
 // case. A field extends beyond its cell, as far as a block of the lattice does whose middle is in the cell.
 #pragma once
 
-#include <Eigen/Core>
 #include <compare>
 #include <cstdint>
 
@@ -59,8 +58,8 @@ class FieldPlane {
   int half_posts() const { return tiles_ / 2 * kTileQuads; }   // posts from the middle to a side
   double half_m() const { return half_posts() * spacing_m_; }  // half the side
   // Returns column and row of a position on or near the ground, in posts from the south-west.
-  Eigen::Vector2d posts_from_south_west(const Vec3& position_m) const {
-    const Vec3 d = posts_ * position_m;
+  Vec2 posts_from_south_west(const Vec3& position_m) const {
+    const Vec3 d = posts_.transpose_times(position_m);
     return {d.x() / d.z() + middle(), d.y() / d.z() + middle()};
   }
   // Returns the post south-west of a position. A position outside the field is clamped to its border.
@@ -74,8 +73,8 @@ class FieldPlane {
 
  private:
   Vec3 centre_;
-  Eigen::Matrix3d axes_;                                // the plane's axes as rows, in MOON_ME
-  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> posts_;  // the same axes, scaled so that quotients are posts
+  Mat3 axes_;   // the plane's axes as rows, in MOON_ME
+  Mat3 posts_;  // the same axes as columns, scaled so that quotients are posts
   double spacing_m_;
   int tiles_;
 };

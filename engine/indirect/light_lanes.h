@@ -31,7 +31,7 @@ static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 // Sun and Earth: irradiance at normal incidence, W m-2; direction of the Earth (unit, MOON_ME).
 struct LightSources {
   double sun_w_m2 = 0, earth_w_m2 = 0;
-  Vec3 earth = Vec3::Zero();
+  Vec3 earth = Vec3::zero();
   double earth_radius = 0;  // angular radius of its disc, rad
   // Returns the share of the Earth's disc above the horizon of level ground.
   double earth_above_level(const Vec3& place_m) const {

@@ -110,7 +110,7 @@ ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
 // Copies the vectors of the sectors to an empty post, with their sums, which interpolation needs for each pixel.
 void set_light(const SectorLight& sectors, LightPost& post) {
   for (std::size_t k = 0; k < kSectors; ++k) {
-    const Eigen::Vector3f& light = sectors.from[k];
+    const Vec3f& light = sectors.from[k];
     post.x[k] = light.x();
     post.y[k] = light.y();
     post.z[k] = light.z();
@@ -214,11 +214,11 @@ struct LightTiles::Patch {
   void fill_row(int row, int column, int stride, bool keep_view, std::size_t tile_row, LightTile& tile, LightWork& work,
                 const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
-    const Eigen::Matrix3f moon_from_grids = relief->axes().transpose().cast<float>();
+    const Mat3f moon_from_grids = relief->axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> row_light;
     for (SectorLight& light : row_light) {
-      light.from.fill(Eigen::Vector3f::Zero());
-      light.sky.setZero();
+      light.from.fill(Vec3f::zero());
+      light.sky = Vec3f::zero();
     }
     if (slopes) slopes->gather(row, column, stride, row_light, stop, keep_view, &work);
     MarchLanes lanes = posts_in_row(*relief, row, column, stride);
@@ -229,7 +229,7 @@ struct LightTiles::Patch {
       const int post_column = column + i * stride;
       const auto relief_post = static_cast<std::size_t>(relief->grids().front().index(post_column, row));
       const SectorLight& light = row_light[static_cast<std::size_t>(i)];
-      const Eigen::Vector3f normal = moon_from_grids * relief->cell(0, relief_post).normal;
+      const Vec3f normal = moon_from_grids * relief->cell(0, relief_post).normal;
       const std::size_t tile_post = tile_row * kPacket + static_cast<std::size_t>(i);
       set_light(light, tile.posts[tile_post]);
       LightSum& sum = tile.posts[tile_post].sum;
@@ -237,7 +237,7 @@ struct LightTiles::Patch {
       sum.earth = earth_share[i];
       tile.ground[tile_post] = {normal,
                                 static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
-      if (slopes && !normal.isZero(0))  // next to missing data there is no normal
+      if (slopes && normal != Vec3f::zero())  // next to missing data there is no normal
         max_ground_view = std::clamp(1 - normal.dot(light.sky) / std::numbers::pi_v<float>, max_ground_view, 1.F);
     }
   }

@@ -22,8 +22,8 @@
 namespace selenograph::engine {
 
 struct PostGround {
-  Eigen::Vector3f normal;  // unit normal, MOON_ME; zero without data
-  float height_m;          // m above the datum; NaN without data
+  Vec3f normal;    // unit normal, MOON_ME; zero without data
+  float height_m;  // m above the datum; NaN without data
 };
 
 // Light at FieldPlane::kTileSide squared posts, row by row from the south-west.

@@ -204,7 +204,7 @@ void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const
     disc_.shares(square.grid, static_cast<int>(grid.coarser), lanes, share);
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t cell = square.post(r, c);
-      const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
+      const Vec3f& normal = cells[static_cast<std::size_t>(c)].normal;
       light.nx[cell] = normal.x();
       light.ny[cell] = normal.y();
       light.lit[cell] = share[c];
@@ -268,7 +268,7 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
   light_squares({&square, 1}, source_.bounces, stop);
   const GroundLight& light = ground_.front().light;
   const auto post = static_cast<std::size_t>(relief_.grids().front().index(column, row));
-  const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
+  const Vec3 normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
   // The relief's z axis stands for the zenith: it is that of the relief's centre.
   const double albedo = albedo_at(light, post), lit = static_cast<double>(light.lit[post]);
@@ -389,10 +389,10 @@ void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, 
   // Rows of posts alternate between azimuths at 1/4 and at 3/4 of the step, halfway between each other.
   gather({0, row, column, stride, false, {azimuths_, row / stride % 2 ? 0.75 : 0.25}}, lanes, source_.bounces,
          keep_view, arriving, stop, work);
-  const Eigen::Matrix3f moon_from_grids = relief_.axes().transpose().cast<float>();
+  const Mat3f moon_from_grids = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
-    const auto in_moon_axes = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {
-      return moon_from_grids * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]);
+    const auto in_moon_axes = [&](const float(&sum)[3][kPacket]) -> Vec3f {
+      return moon_from_grids * Vec3f(sum[0][i], sum[1][i], sum[2][i]);
     };
     SectorLight& light = out[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < kSectors; ++k)

@@ -36,9 +36,9 @@ inline constexpr int kAzimuthsOfGround = 32;
 // Light at a point from the ground in each of eight sectors of azimuth: the integral of radiance times the unit vector
 // toward the source, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
 struct SectorLight {
-  std::array<Eigen::Vector3f, kSectors> from;
+  std::array<Vec3f, kSectors> from;
   // Integral of the unit vector over the sky: a plane with normal n sees n . sky / pi of its hemisphere as sky.
-  Eigen::Vector3f sky;
+  Vec3f sky;
 };
 
 // Sets the ground's albedo at unit directions, averaged over `size_m` metres: factors of the Brdf's reflectance or, for

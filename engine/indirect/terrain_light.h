@@ -47,9 +47,9 @@ class TerrainLight {
 
   // Light at a position near the mesh, as on an object: above the ground, with light from below.
   struct ObjectLight {
-    Vec3 terrain = Vec3::Zero(), earth = Vec3::Zero();  // vectors of the light, W m-2, MOON_ME
+    Vec3 terrain = Vec3::zero(), earth = Vec3::zero();  // vectors of the light, W m-2, MOON_ME
     double ground = 0;                                  // radiosity of the ground below, W m-2
-    Vec3 up = Vec3::UnitZ();
+    Vec3 up = Vec3::unit_z();
     Irradiance on(const Vec3& normal) const;
   };
   // Returns the light on an object or rock. `object`: the object's index; larger indices are rocks.

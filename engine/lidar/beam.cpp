@@ -66,7 +66,7 @@ SubRays::SubRays(int number) {
 }
 
 TransverseAxes::TransverseAxes(const Vec3& direction) {
-  x = (std::abs(direction.x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY());
+  x = (std::abs(direction.x()) < 0.9 ? Vec3::unit_x() : Vec3::unit_y());
   x = (x - x.dot(direction) * direction).normalized();
   y = direction.cross(x);
 }

@@ -13,8 +13,8 @@
 namespace selenograph::engine {
 
 struct LidarPulse {
-  double time_s = 0;               // seconds from the time of the request's pose
-  Vec3 direction = Vec3::UnitZ();  // unit vector, camera axes
+  double time_s = 0;                // seconds from the time of the request's pose
+  Vec3 direction = Vec3::unit_z();  // unit vector, camera axes
 };
 
 // Pattern of the beams in time and direction.
@@ -64,7 +64,7 @@ struct LidarInstrument {
   double dark_count_hz = 0;  // photon_counting: dark counts and stray light
   LidarGate gate;
   double timing_noise_ns = 0, velocity_noise_m_s = 0;  // standard deviations
-  Vec3 offset_m = Vec3::Zero();                        // offset of the aperture from the pose's position, camera axes
+  Vec3 offset_m = Vec3::zero();                        // offset of the aperture from the pose's position, camera axes
   std::optional<LidarPattern> pattern;
 };
 

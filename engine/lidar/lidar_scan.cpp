@@ -185,8 +185,8 @@ class LidarScanner {
     in_parallel_pieces(beams.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       context_.stop.check();
       double time_s = kNaN;
-      Eigen::Matrix3d moon_from_camera = Eigen::Matrix3d::Identity();
-      Vec3 from = Vec3::Zero(), velocity = Vec3::Zero();
+      Mat3 moon_from_camera = Mat3::identity();
+      Vec3 from = Vec3::zero(), velocity = Vec3::zero();
       for (std::size_t i = first; i < past_last; ++i) {
         const LidarPulse pulse = beams.at(i);
         if (pulse.time_s != time_s) {
@@ -194,7 +194,7 @@ class LidarScanner {
           const Pose pose = track.at(time_s);
           const Rates rates = track.rates_at(time_s);
           const Vec3& offset = request_.instrument.offset_m;
-          moon_from_camera = pose.camera_from_moon.conjugate().toRotationMatrix();
+          moon_from_camera = pose.camera_from_moon.conjugate().matrix();
           from = pose.position_m + moon_from_camera * offset;
           velocity =
               rates.velocity_m_s + moon_from_camera * (kRadiansPerDegree * rates.angular_rate_deg_s).cross(offset);
@@ -219,7 +219,7 @@ class LidarScanner {
   // Tests up to kMaxCameraPlaces apertures, evenly spaced over the scan, each once.
   void refuse_enclosed_apertures() const {
     const std::size_t tested = std::min(out_.size(), kMaxCameraPlaces);
-    Vec3 tested_m = Vec3::Constant(kNaN);
+    Vec3 tested_m = Vec3::constant(kNaN);
     for (std::size_t k = 0; k < tested; ++k) {
       const std::size_t i = tested == 1 ? 0 : k * (out_.size() - 1) / (tested - 1);
       if (at3(out_.origin_m, i) == tested_m) continue;
@@ -233,12 +233,12 @@ class LidarScanner {
   void refuse_buried_apertures() const {
     constexpr std::size_t kMaxIntervals = 4096;
     const std::size_t length = (out_.size() + kMaxIntervals - 1) / kMaxIntervals;
-    Vec3 tested_m = Vec3::Constant(kNaN);
+    Vec3 tested_m = Vec3::constant(kNaN);
     for (std::size_t first = 0; first < out_.size(); first += length) {
       context_.stop.check();
       std::size_t lowest = first;
       for (std::size_t i = first + 1; i < std::min(first + length, out_.size()); ++i)
-        if (at3(out_.origin_m, i).squaredNorm() < at3(out_.origin_m, lowest).squaredNorm()) lowest = i;
+        if (at3(out_.origin_m, i).squared_norm() < at3(out_.origin_m, lowest).squared_norm()) lowest = i;
       if (at3(out_.origin_m, lowest) == tested_m) continue;  // a flash has one origin
       tested_m = at3(out_.origin_m, lowest);
       refuse_buried(context_.terrain, tested_m, aperture_at(out_.time_s[lowest]),
@@ -259,7 +259,7 @@ class LidarScanner {
       for (std::size_t i = first; i < past_last; ++i) {
         const Vec3 from = at3(out_.origin_m, i), direction = at3(out_.direction, i);
         // The beam meets the sphere at t^2 - 2 closest t + outside = 0; one that misses it counts where it is closest.
-        const double closest = -from.dot(direction), outside = from.squaredNorm() - radius * radius,
+        const double closest = -from.dot(direction), outside = from.squared_norm() - radius * radius,
                      discriminant = closest * closest - outside;
         const double range_m = closest > 0 && discriminant > 0
                                    ? std::max(0.0, outside / (closest + std::sqrt(discriminant)))
@@ -283,7 +283,7 @@ class LidarScanner {
   // Returns the cone around the beams order_[first, past_last), sub-rays included. Its slope is infinite if their
   // directions differ too much for a cone.
   RayCone cone_around(std::size_t first, std::size_t past_last) const {
-    RayCone cone{Vec3::Zero(), Vec3::Zero()};
+    RayCone cone{Vec3::zero(), Vec3::zero()};
     const auto count = static_cast<double>(past_last - first);
     for (std::size_t k = first; k < past_last; ++k) {
       cone.origin_m += at3(out_.origin_m, order_[k]) / count;

@@ -50,7 +50,7 @@ Vec3 direction_of(const LidarPattern& p, std::size_t i) {
     case LidarScan::beams:
       return p.directions[i];
   }
-  return Vec3::UnitZ();
+  return Vec3::unit_z();
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 #include "engine/limb/limb_in_view.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -255,7 +254,7 @@ class LimbSearch {
   const StopToken& stop_;
   std::priority_queue<Candidate> candidates_;
   double best_rad_ = 0;
-  Vec3 position_m_ = Vec3::Zero();
+  Vec3 position_m_ = Vec3::zero();
 };
 
 // Returns the root blocks that may reach the limb. Terrain hides nothing nearer than the limb of the sphere below all

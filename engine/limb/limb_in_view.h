@@ -30,7 +30,7 @@ struct LimbPoint {
   // Limb of the terrain: the largest angle from the Moon's centre at which a ray hits it, and the range and position of
   // that hit; NaN without data.
   double angle_deg = kNone, range_m = kNone;
-  Vec3 position_m = Vec3::Constant(kNone);
+  Vec3 position_m = Vec3::constant(kNone);
   double x_px = kNone, y_px = kNone;
   bool in_frame = false;
   // Limb of the sphere of 1 737 400 m.
@@ -46,7 +46,7 @@ struct TerminatorPoint {
   static constexpr double kNone = LimbPoint::kNone;
 
   double azimuth_deg = 0;
-  Vec3 position_m = Vec3::Constant(kNone);  // NaN: no data
+  Vec3 position_m = Vec3::constant(kNone);  // NaN: no data
   double x_px = kNone, y_px = kNone;
   bool in_frame = false, visible = false;  // visible: in the frame, and no terrain hides it
   double sphere_x_px = kNone, sphere_y_px = kNone;

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,6 +11,7 @@
 
 #include "dem/base/error.h"
 #include "dem/base/parallel.h"
+#include "dem/grid/rotation.h"
 #include "engine/cache/budget.h"
 #include "engine/cache/render_context.h"
 #include "engine/frame/needs.h"
@@ -61,7 +61,7 @@ struct Patch {
 // Unit directions from the Moon's centre to the patch's pixels.
 struct PatchDirections {
   std::vector<Vec3> up;        // row by row; NaN where the map is off the Moon
-  Vec3 middle = Vec3::Zero();  // mean direction; zero: no pixel is on the Moon
+  Vec3 middle = Vec3::zero();  // mean direction; zero: no pixel is on the Moon
   double min_cosine = 1;       // cosine of the angle from `middle` to the farthest pixel
 };
 
@@ -76,19 +76,19 @@ PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, cons
       for (int column = 0; column < patch.width; ++column)
         out.up[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
             map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row)))
-                .value_or(Vec3::Constant(kNaN64));
+                .value_or(Vec3::constant(kNaN64));
   });
-  Vec3 sum = Vec3::Zero();
+  Vec3 sum = Vec3::zero();
   for (const Vec3& d : out.up)
-    if (!d.hasNaN()) {
+    if (!d.has_nan()) {
       sum += d;
       out.middle = d;
     }
-  if (out.middle.isZero()) return out;
+  if (out.middle == Vec3::zero()) return out;
   // The mean of a patch around the whole Moon may vanish: keep any direction, from which the patch is too wide.
   if (sum.norm() > 1e-6) out.middle = sum.normalized();
   for (const Vec3& d : out.up)
-    if (!d.hasNaN()) out.min_cosine = std::min(out.min_cosine, d.dot(out.middle));
+    if (!d.has_nan()) out.min_cosine = std::min(out.min_cosine, d.dot(out.middle));
   return out;
 }
 
@@ -102,15 +102,12 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
   const Vec3 z = -toward, x = any_across(toward), y = z.cross(x);
   Pose pose;
   pose.position_m = patch.middle * kMoonRadius_m + toward * kFarAway_m;
-  Eigen::Matrix3d axes;
-  axes.row(0) = x;
-  axes.row(1) = y;
-  axes.row(2) = z;
-  pose.camera_from_moon = Eigen::Quaterniond(axes);
+  const Mat3 axes = Mat3::from_rows(x, y, z);
+  pose.camera_from_moon = Quat(axes);
   // Largest slopes x / z and y / z of the patch's ground in the camera.
   double right = 0, down = 0;
   for (const Vec3& d : patch.up) {
-    if (d.hasNaN()) continue;
+    if (d.has_nan()) continue;
     for (const float height_m : {dem::kLowestRelief_m, dem::kHighestRelief_m}) {
       const Vec3 c = axes * (d * (kMoonRadius_m + static_cast<double>(height_m)) - pose.position_m);
       right = std::max(right, std::abs(c.x() / c.z()));
@@ -178,7 +175,7 @@ class MapDrawing {
   void draw(const Patch& patch) {
     Stopwatch watch;
     const PatchDirections directions = directions_of(request_.grid, patch, context_.stop);
-    if (directions.middle.isZero()) return done(patch);
+    if (directions.middle == Vec3::zero()) return done(patch);
     if (directions.min_cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
     // Select for two views: from above, and from the viewer, whose line of sight other terrain may occlude.
     const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, context_.stop);
@@ -368,7 +365,7 @@ class MapDrawing {
       const Vec3 up = inside ? directions.up[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) +
                                              static_cast<std::size_t>(x)]
                              : directions.middle;
-      const bool moon = !up.hasNaN();
+      const bool moon = !up.has_nan();
       p.rays.set(i, (moon ? up : directions.middle) * (kMoonRadius_m + kFarAway_m), moon ? -up : -directions.middle);
       p.rays.valid[i] = inside && moon;
     }
@@ -432,9 +429,9 @@ class MapDrawing {
     [&]<std::size_t... i>(std::index_sequence<i...>) { (copy_array(std::get<i>(arrays), std::get<i>(into)), ...); }
     (std::make_index_sequence<std::tuple_size_v<decltype(into)>>());
     if (!out.source.empty() && out.source[to] != FrameSources::kNone) out.source[to] = numbers[out.source[to]];
-    if (!out.height.empty()) out.height[to] = Eigen::Map<const Vec3>(&drawn.position[3 * from]).norm() - kMoonRadius_m;
+    if (!out.height.empty()) out.height[to] = Vec3(&drawn.position[3 * from]).norm() - kMoonRadius_m;
     if (out.slope.empty()) return;
-    const Vec3 normal = Eigen::Map<const Eigen::Vector3f>(&drawn.normal[3 * from]).cast<double>();
+    const Vec3 normal = Vec3f(&drawn.normal[3 * from]).cast<double>();
     out.slope[to] = static_cast<float>(angle_between(normal, up) * kDegreesPerRadian);
   }
 

@@ -42,7 +42,7 @@ class ReferencePositions {
                z = static_cast<int>(hit.z() / kSide_m);
     Entry& entry = entries_[static_cast<std::size_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2)];
     Vec3 position_m(kSide_m * x, kSide_m * y, kSide_m * z);
-    if (hit.z() * hit.z() > kPolar * kPolar * hit.squaredNorm()) position_m = hit;
+    if (hit.z() * hit.z() > kPolar * kPolar * hit.squared_norm()) position_m = hit;
     if (!entry.reference || entry.position_m != position_m) {
       entry.position_m = position_m;
       entry.reference.emplace(position_m);

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -203,7 +202,7 @@ MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
 }
 
 MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
-  const Eigen::Matrix3d& m = view.moon_from_camera();
+  const Mat3& m = view.moon_from_camera();
   const double samples = std::sqrt(request_.accuracy.samples_per_pixel);
   Steps steps{m.col(0) / (view.camera().fx * samples), m.col(1) / (view.camera().fy * samples)};
   if (view.projection().fisheye()) {

@@ -34,7 +34,7 @@ std::vector<RayCone> bundle(const std::vector<RayCone>& rays) {
   std::vector<RayCone> out;
   for (std::size_t first = 0; first < rays.size(); first += kRun) {
     const std::span<const RayCone> run(&rays[first], std::min(kRun, rays.size() - first));
-    RayCone cone{Vec3::Zero(), Vec3::Zero()};
+    RayCone cone{Vec3::zero(), Vec3::zero()};
     for (const RayCone& ray : run) {
       cone.origin_m += ray.origin_m / static_cast<double>(run.size());
       cone.direction += ray.direction;
@@ -125,7 +125,7 @@ bool RockCells::may_hit(const Rays& rays, const SurfacePoints& terrain) const {
     if (!rays.valid[i]) continue;
     const Vec3 o = rays.origin(i), d = rays.direction(i);
     // The ray meets the sphere of radius shell_m_, below which all rocks lie, where a t^2 + 2 b t + c = 0.
-    const double a = d.squaredNorm(), b = o.dot(d), c = o.squaredNorm() - shell_m_ * shell_m_;
+    const double a = d.squared_norm(), b = o.dot(d), c = o.squared_norm() - shell_m_ * shell_m_;
     const double discriminant = b * b - a * c;
     if (discriminant < 0) continue;
     const double root = std::sqrt(discriminant), enter_m = std::max(0.0, (-b - root) / a),

@@ -37,7 +37,7 @@ class RockCells {
   std::uint32_t count_cells_with_rocks(int x0, int y0, int x1, int y1) const;  // in a rectangle, bounds included
   int cell(double m) const;
 
-  Vec3 centre_m_ = Vec3::Zero();
+  Vec3 centre_m_ = Vec3::zero();
   EastNorthUp axes_{};
   double shell_m_ = 0;      // radius around the Moon's centre that contains all rocks
   double half_side_m_ = 0;  // half the side of the square that contains all rocks

@@ -229,7 +229,7 @@ class RayCaster {
   // Returns the position of the first hit, as the up direction from which the Sun's disc is sampled.
   static Vec3 up_of(const std::vector<RayHit>& hits) {
     const auto hit = std::find_if(hits.begin(), hits.end(), [](const RayHit& h) { return h.hit; });
-    return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
+    return hit == hits.end() ? Vec3::unit_z() : hit->position_m;
   }
 
   // Calls work(scene, scenery, batch, first, count) on packets of a subset of the rays: those from batch[first] on. The
@@ -308,7 +308,7 @@ double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 Vec3 locate_landmark(const RowViews& views, const Vec3& point_m, Landmark& out) {
   if (views.vary()) {
     const auto sighting = views.find(point_m);
-    if (!sighting) return Vec3::Constant(std::nan(""));
+    if (!sighting) return Vec3::constant(std::nan(""));
     out.x_px = sighting->pixel.x;
     out.y_px = sighting->pixel.y;
     out.time_s = sighting->time_s;

@@ -36,8 +36,8 @@ struct RayHit {
   bool hit = false;
   std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain or a rock
   double range_m = std::numeric_limits<double>::quiet_NaN();
-  Vec3 position_m = Vec3::Zero();
-  Vec3 normal = Vec3::Zero();
+  Vec3 position_m = Vec3::zero();
+  Vec3 normal = Vec3::zero();
   double lit = 0;                       // visible share of the Sun's disc; valid with a Sun
   std::optional<std::uint64_t> rock{};  // dem::Rock::id
   double incident = 0;                  // `lit` times the sunlight's mean cosine of incidence

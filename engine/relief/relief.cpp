@@ -1,6 +1,5 @@
 #include "engine/relief/relief.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -32,13 +31,11 @@ std::vector<ReliefGrid> empty_grids(const ReliefShape& shape) {
   return grids;
 }
 
-Eigen::Matrix3d turned_axes(const ReliefShape& shape) {
-  const Eigen::Matrix3d axes = relief_axes(shape.centre);
+Mat3 turned_axes(const ReliefShape& shape) {
+  const Mat3 axes = relief_axes(shape.centre);
   const double cosine = std::cos(shape.turn_rad), sine = std::sin(shape.turn_rad);
-  Eigen::Matrix3d turned = axes;
-  turned.row(0) = cosine * axes.row(0) + sine * axes.row(1);
-  turned.row(1) = cosine * axes.row(1) - sine * axes.row(0);
-  return turned;
+  return Mat3::from_rows(cosine * axes.row(0) + sine * axes.row(1), cosine * axes.row(1) - sine * axes.row(0),
+                         axes.row(2));
 }
 
 std::size_t posts_of(const ReliefGrid& grid) {
@@ -47,13 +44,9 @@ std::size_t posts_of(const ReliefGrid& grid) {
 
 }  // namespace
 
-Eigen::Matrix3d relief_axes(const Vec3& centre) {
+Mat3 relief_axes(const Vec3& centre) {
   const EastNorthUp local = local_axes(centre);
-  Eigen::Matrix3d axes;
-  axes.row(0) = local.east;
-  axes.row(1) = local.north;
-  axes.row(2) = local.up;
-  return axes;
+  return Mat3::from_rows(local.east, local.north, local.up);
 }
 
 double post_count(const ReliefShape& shape) {
@@ -127,7 +120,7 @@ Vec3 Relief::direction(std::size_t grid_index, std::size_t post, bool cell_middl
   const double offset = cell_middle ? 0.5 : 0;  // in posts
   const double x_m = grid.coordinate_m(static_cast<double>(column) + offset),
                y_m = grid.coordinate_m(static_cast<double>(row) + offset);
-  return axes_.transpose() * Vec3(x_m, y_m, kMoonRadius_m).normalized();
+  return axes_.transpose_times(Vec3(x_m, y_m, kMoonRadius_m).normalized());
 }
 
 Vec3 Relief::position_of(const ReliefGrid& grid, int row, int column) const {
@@ -140,12 +133,12 @@ Relief::Cell Relief::cell(std::size_t grid_index, std::size_t post) const {
   const ReliefGrid& grid = grids_[grid_index];
   const auto side = static_cast<std::size_t>(grid.side);
   const int row = static_cast<int>(post / side), column = static_cast<int>(post % side);
-  if (row + 1 >= grid.side || column + 1 >= grid.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
+  if (row + 1 >= grid.side || column + 1 >= grid.side) return {std::nanf(""), Vec3f::zero()};
   const Vec3 south_west = position_of(grid, row, column), south_east = position_of(grid, row, column + 1);
   const Vec3 north_west = position_of(grid, row + 1, column), north_east = position_of(grid, row + 1, column + 1);
   const Vec3 normal = (north_east - south_west).cross(north_west - south_east);  // of the diagonals; points up
   const double length = normal.norm();
-  if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};
+  if (!(length > 0)) return {std::nanf(""), Vec3f::zero()};
   const float* h = &grid.heights[post];
   return {(h[0] + h[1] + h[side] + h[side + 1]) / 4, (normal / length).cast<float>()};
 }

@@ -16,7 +16,6 @@
 // azimuth is a straight line.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstddef>
 #include <functional>
 #include <limits>
@@ -78,7 +77,7 @@ struct ReliefGrid {
 using ReliefHeights = std::function<void(double spacing_m, std::span<const Vec3> directions, std::span<float> heights)>;
 
 // Returns the axes of grids that are not turned as rows: east, north and up at their centre, in MOON_ME.
-Eigen::Matrix3d relief_axes(const Vec3& centre);
+Mat3 relief_axes(const Vec3& centre);
 // Returns the number of posts of all grids.
 double post_count(const ReliefShape& shape);
 
@@ -88,7 +87,7 @@ class Relief {
 
   const ReliefShape& shape() const { return shape_; }
   // Axes of the grids as rows, in MOON_ME: along their rows, along their columns, up at the centre.
-  const Eigen::Matrix3d& axes() const { return axes_; }
+  const Mat3& axes() const { return axes_; }
   // The grids, from the finest on. Their heights are relative to reference_m() above the datum.
   std::span<const ReliefGrid> grids() const { return grids_; }
   double reference_m() const { return reference_m_; }
@@ -100,7 +99,7 @@ class Relief {
   // zero if a corner has no data.
   struct Cell {
     float height;
-    Eigen::Vector3f normal;
+    Vec3f normal;
   };
   // Returns the cell north-east of a post. For a relief without a lattice.
   Cell cell(std::size_t grid, std::size_t post) const;
@@ -118,7 +117,7 @@ class Relief {
   Vec3 position_of(const ReliefGrid& grid, int row, int column) const;
 
   ReliefShape shape_;
-  Eigen::Matrix3d axes_;
+  Mat3 axes_;
   double reference_m_ = 0;
   std::vector<ReliefGrid> grids_;
 };

@@ -16,13 +16,15 @@ constexpr double kPostsPerLattice = kFinestAnchorLattice_m;
 // Returns the distance, in lengths of the direction, at which a ray enters the sphere; 0 from inside, empty if it
 // misses or leaves.
 std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, double radius) {
-  const double outside = origin.squaredNorm() - radius * radius;
+  const double outside = origin.squared_norm() - radius * radius;
   if (outside <= 0) return 0.0;
-  const double a = direction.squaredNorm(), b = origin.dot(direction);
+  const double a = direction.squared_norm(), b = origin.dot(direction);
   const double root2 = b * b - a * outside;
   if (b >= 0 || root2 < 0) return std::nullopt;
   return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
 }
+
+Vec3 rounded(const Vec3& v) { return {std::round(v.x()), std::round(v.y()), std::round(v.z())}; }
 
 }  // namespace
 
@@ -44,7 +46,7 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, co
     const double ground_m = kMoonRadius_m + fine->height_m,
                  min_lattice_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
                  lattice_m = std::exp2(std::floor(std::log2(min_lattice_m)));
-    if (lattice_m < kFinestAnchorLattice_m) return (up * (ground_m / lattice_m)).array().round() * lattice_m;
+    if (lattice_m < kFinestAnchorLattice_m) return rounded(up * (ground_m / lattice_m)) * lattice_m;
   }
   Vec3 near = up * kMoonRadius_m;
   const double ahead = -camera_m.dot(middle);
@@ -55,7 +57,7 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, co
   }
   double lattice_m = kFinestAnchorLattice_m;
   while (lattice_m < kCoarsestAnchorLattice_m && lattice_m <= 2 * clearance_m) lattice_m *= 2;
-  return (near / lattice_m).array().round() * lattice_m;
+  return rounded(near / lattice_m) * lattice_m;
 }
 
 }  // namespace selenograph::engine

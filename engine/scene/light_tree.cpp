@@ -14,7 +14,7 @@ LightTree::LightTree(const Sun& sun, const Vec3& up)
   Vec3 across = up.cross(sun_);
   constexpr double kOverhead = 0.01;
   if (across.norm() <= kOverhead * up.norm())
-    across = (std::abs(sun_.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun_);
+    across = (std::abs(sun_.z()) < 0.9 ? Vec3::unit_z() : Vec3::unit_x()).cross(sun_);
   u_ = across.normalized();
   v_ = sun_.cross(u_);
 }
@@ -22,7 +22,7 @@ LightTree::LightTree(const Sun& sun, const Vec3& up)
 LightTree::Box LightTree::box_of(const NodeBounds& b) const {
   Box box;
   for (const Vec3& p : b.points) box.extend(Vec3(u_.dot(p), v_.dot(p), sun_.dot(p)));
-  return {box.min().array() - b.bulge_m, box.max().array() + b.bulge_m};
+  return {box.min - Vec3::constant(b.bulge_m), box.max + Vec3::constant(b.bulge_m)};
 }
 
 // The highest relief is dark once the Sun is farther below the horizon than the dip from its top to the solid core.
@@ -57,8 +57,8 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
     nodes_[index].receiver_count = count;
   } else {
     // Split at the median along the longer axis.
-    const int axis = node.box.sizes().x() > node.box.sizes().y() ? 0 : 1;
-    const auto middle = [&](const Receiver& r) { return r.box.min()[axis] + r.box.max()[axis]; };
+    const int axis = node.box.size().x() > node.box.size().y() ? 0 : 1;
+    const auto middle = [&](const Receiver& r) { return r.box.min[axis] + r.box.max[axis]; };
     const auto begin = receivers_.begin() + static_cast<std::ptrdiff_t>(first);
     std::nth_element(begin, begin + static_cast<std::ptrdiff_t>(count / 2), begin + static_cast<std::ptrdiff_t>(count),
                      [&](const Receiver& a, const Receiver& b) { return middle(a) < middle(b); });
@@ -73,10 +73,10 @@ double LightTree::shaded_pixels_per_metre(const NodeBounds& bounds) const {
   if (receivers_.empty()) return 0;
   const Box occluder = box_of(bounds);
   // Widen the box by the shift of the shadow, on the farthest receiver, in light from the disc's rim.
-  const double shift_m = tan_radius_ * std::max(0.0, occluder.max().z() - nodes_.front().box.min().z());
+  const double shift_m = tan_radius_ * std::max(0.0, occluder.max.z() - nodes_.front().box.min.z());
   // Its shadow extends away from the Sun without end.
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  const Box shadow(occluder.min() - Vec3(shift_m, shift_m, kInfinity), occluder.max() + Vec3(shift_m, shift_m, 0));
+  const Box shadow{occluder.min - Vec3(shift_m, shift_m, kInfinity), occluder.max + Vec3(shift_m, shift_m, 0)};
   double max_pixels_per_metre = 0;
   const auto may_be_shaded = [&](const auto& candidate) {
     return candidate.pixels_per_metre > max_pixels_per_metre && candidate.box.intersects(shadow);

@@ -14,11 +14,11 @@
 // others kilometres, so a regular grid would not do.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <vector>
 
 #include "engine/frame/sun.h"
 #include "engine/scene/node_bounds.h"
+#include "engine/support/box.h"
 
 namespace selenograph::engine {
 
@@ -38,7 +38,7 @@ class LightTree {
   double shaded_pixels_per_metre(const NodeBounds& bounds) const;
 
  private:
-  using Box = Eigen::AlignedBox3d;  // u, v, s
+  using Box = Box3;  // u, v, s
   struct Receiver {
     Box box;
     double pixels_per_metre;

@@ -58,7 +58,9 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
       axis(0),
       collapses(border.stride != std::array{1, 1, 1, 1}) {
   const int quads = posts->extent.quads;
-  posts->position(quads / 2, quads / 2, 0).cwiseAbs().maxCoeff(&axis);
+  const Vec3 middle = posts->position(quads / 2, quads / 2, 0);
+  for (int i = 1; i < 3; ++i)
+    if (std::abs(middle[i]) > std::abs(middle[axis])) axis = i;
   vertices = posts->vertices;
   brightness = posts->brightness;
   if (!border_is_unchanged()) {

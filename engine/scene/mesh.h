@@ -84,7 +84,7 @@ struct MeshBlock {
     return posts->position(row, column, static_cast<double>(vertices[posts->index(r, c)].height_m));
   }
   bool present(int r, int c) const { return !std::isnan(vertices[posts->index(r, c)].height_m); }
-  const Eigen::Vector3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
+  const Vec3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
   std::size_t bytes() const;  // without the posts, which the terrain's cache counts
 
  private:

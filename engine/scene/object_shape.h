@@ -13,8 +13,8 @@ namespace selenograph::engine {
 
 // Coordinates in the file's units.
 struct ObjectCorner {
-  Eigen::Vector3f place;
-  Eigen::Vector3f normal;  // shading normal; zero: use the facet's normal
+  Vec3f place;
+  Vec3f normal;  // shading normal; zero: use the facet's normal
 };
 
 struct ObjectTriangle {

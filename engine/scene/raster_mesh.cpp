@@ -1,6 +1,5 @@
 #include "engine/scene/raster_mesh.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -51,7 +50,7 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
     if (r > first_row) bounds.extend(south, row, last);
   }
   if (bounds.empty()) return {};
-  const Vec3 low = Eigen::Vector3f(bounds.low).cast<double>(), high = Eigen::Vector3f(bounds.high).cast<double>();
+  const Vec3 low = Vec3f(bounds.low).cast<double>(), high = Vec3f(bounds.high).cast<double>();
   const Vec3 box_middle = (low + high) / 2, half_extents = (high - low) / 2;
   RasterShape::Box box{first_row,
                        rows,
@@ -69,7 +68,7 @@ Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   s.first_row = box.first_row;
   s.rows = box.rows;
   const Vec3 centre = box.centre - anchor;
-  const Vec3 half = box.half_m + Vec3::Constant(1e-6 * (centre.norm() + 2 * box.half_m.norm()));
+  const Vec3 half = box.half_m + Vec3::constant(1e-6 * (centre.norm() + 2 * box.half_m.norm()));
   const Vec3 edges[3] = {box.axes.east * half.x(), box.axes.north * half.y(), box.axes.up * half.z()};
   for (int e = 0; e < 3; ++e)
     for (int k = 0; k < 3; ++k) s.half[e][k] = static_cast<float>(edges[e][k]);
@@ -88,7 +87,7 @@ std::int64_t steps(double metres) { return static_cast<std::int64_t>(std::floor(
 Ends ends_of(const Vec3& from, const Vec3& to) {
   Ends ends{};
   for (std::size_t k = 0; k < 3; ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
+    const auto i = static_cast<int>(k);
     ends[k] = steps(from[i]);
     ends[3 + k] = steps(to[i]);
   }
@@ -191,8 +190,7 @@ RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, cons
   xyz.resize(3 * plane);
   const auto set_vertex = [&](std::size_t index, int r, int c) {
     const Vec3 vertex = mesh_block.vertex(r, c) - anchor;
-    for (std::size_t k = 0; k < 3; ++k)
-      xyz[k * plane + index] = static_cast<float>(vertex[static_cast<Eigen::Index>(k)]);
+    for (std::size_t k = 0; k < 3; ++k) xyz[k * plane + index] = static_cast<float>(vertex[static_cast<int>(k)]);
   };
   for (int r = 0; r < mesh_block.side; ++r) {
     const std::size_t first = static_cast<std::size_t>(r) * stride;

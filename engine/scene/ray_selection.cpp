@@ -25,7 +25,7 @@ bool may_hit(const RayCone& ray, const NodeBounds& b, double above_m, int level)
   const Vec3 to = b.centre - ray.origin_m;
   const double ball_m = b.radius_m + above_m + margin_m(level);
   const double along_m = to.dot(ray.direction);
-  const double off_axis2 = (to - along_m * ray.direction).squaredNorm();
+  const double off_axis2 = (to - along_m * ray.direction).squared_norm();
   const double far_m = std::max(0.0, along_m + ball_m + ray.radius_m);
   const double width_m = ray.is_single_ray() ? 0 : ray.radius_m + far_m * ray.slope;
   const double reach_m = ball_m + width_m;
@@ -117,7 +117,7 @@ double range_below_terrain_m(const RayCone& ray) {
   const double width_m = ray.is_single_ray() ? 0 : ray.radius_m + closest * ray.slope;
   const double deep_m = dem::kCoreRadius_m - width_m;
   // Square of half the chord in that sphere; negative if the axis misses it, or the cone is wider than the Moon.
-  const double half_chord2 = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
+  const double half_chord2 = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squared_norm();
   const double range_m = half_chord2 > 0 && closest > 0 ? closest - std::sqrt(half_chord2) : -1;
   return range_m > 0 ? range_m : std::numeric_limits<double>::infinity();
 }

@@ -12,7 +12,7 @@ constexpr double kSlack_m = 30000;
 // Sets the bounds of a group's blocks at all possible heights.
 void enclose(RootGroup& group) {
   std::vector<NodeBounds> block_bounds;
-  Vec3 centre = Vec3::Zero();
+  Vec3 centre = Vec3::zero();
   for (int row = group.first_row; row < group.past_last_row; ++row) {
     const auto i = static_cast<std::size_t>(row - group.first_row);
     for (int col = group.first_column[i]; col < group.past_last_column[i]; ++col) {

@@ -13,11 +13,11 @@ constexpr std::array kBinomial{6.F / 16, 4.F / 16, 1.F / 16};
 constexpr std::array<std::ptrdiff_t, 2> kDistances{1, 2};
 
 // Smooths normals along a line of vertices that are `step` apart in memory. The last vertex is repeated beyond the end.
-void smooth_line(const Eigen::Vector3f* from, Eigen::Vector3f* to, std::size_t count, std::size_t step) {
-  std::vector<Eigen::Vector3f> line(count), smoothed(count);
+void smooth_line(const Vec3f* from, Vec3f* to, std::size_t count, std::size_t step) {
+  std::vector<Vec3f> line(count), smoothed(count);
   for (std::size_t i = 0; i < count; ++i) line[i] = from[i * step];
   const auto last = static_cast<std::ptrdiff_t>(count) - 1;
-  const auto at = [&](std::ptrdiff_t i) -> const Eigen::Vector3f& {
+  const auto at = [&](std::ptrdiff_t i) -> const Vec3f& {
     return line[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(i, 0, last))];
   };
   for (const std::ptrdiff_t d : kDistances) {
@@ -33,7 +33,7 @@ void smooth_line(const Eigen::Vector3f* from, Eigen::Vector3f* to, std::size_t c
 
 void soften_normals(std::span<dem::Vertex> vertices, int side, Corners shares) {
   const auto n = static_cast<std::size_t>(side), last = n - 1;
-  std::vector<Eigen::Vector3f> own(n * n), along_rows(n * n), smoothed(n * n);
+  std::vector<Vec3f> own(n * n), along_rows(n * n), smoothed(n * n);
   for (std::size_t i = 0; i < own.size(); ++i) own[i] = vertices[i].normal;
   for (std::size_t r = 0; r < n; ++r) smooth_line(&own[r * n], &along_rows[r * n], n, 1);
   // Smooth edges only along themselves and corners not at all, so that both sides of an edge get the same normals.

@@ -23,7 +23,7 @@ double shadow_gain(const NodeBounds& b, const Vec3& sun) {
 // Collects the receivers: blocks and objects in view, each with the pixels that a shadow's edge on it moves per metre
 // of height error. Then refines the blocks in view, and last visits the terrain out of view.
 void ViewSelector::refine_for_shadows(const Sun& sun) {
-  Vec3 mean_vertical = Vec3::Zero();
+  Vec3 mean_vertical = Vec3::zero();
   for (const VisibleBlock& block : visible_blocks_) mean_vertical += block.bounds.centre.normalized();
   LightTree receivers(sun, mean_vertical);
   for (const VisibleBlock& block : visible_blocks_) {

@@ -213,8 +213,8 @@ double add_glare(const StrayLight& law, const Camera& camera, const Vec3& toward
         const auto direction = projection.direction(x, static_cast<double>(y));
         if (!direction) continue;
         const Vec3 along = direction->normalized();
-        const auto glare = static_cast<float>(irradiance_w_m2 * toward_sun.z() *
-                                              bsdf(law, (along - toward_sun).head<2>().squaredNorm()));
+        const auto glare =
+            static_cast<float>(irradiance_w_m2 * toward_sun.z() * bsdf(law, (along - toward_sun).xy().squared_norm()));
         image[y * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] += glare;
         largest[y] = std::max(largest[y], glare);
       }

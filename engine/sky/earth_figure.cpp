@@ -3,7 +3,6 @@
 #include <erfa.h>
 #include <erfam.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -34,7 +33,7 @@ double EarthFigure::radius_rad() const { return std::asin(kEquator_m / body_.dis
 
 std::optional<double> EarthFigure::range(const Vec3& direction) const {
   // The ray hits the unit sphere where a t^2 + 2 b t + c = 0. It starts inside for c <= 0, and leads away for b > 0.
-  const double a = direction.squaredNorm(), b = direction.dot(from_centre_), c = from_centre_.squaredNorm() - 1;
+  const double a = direction.squared_norm(), b = direction.dot(from_centre_), c = from_centre_.squared_norm() - 1;
   const double discriminant = b * b - a * c;
   if (discriminant <= 0 || b > 0 || c <= 0) return std::nullopt;
   return (-b - std::sqrt(discriminant)) / a;
@@ -42,7 +41,7 @@ std::optional<double> EarthFigure::range(const Vec3& direction) const {
 
 double share_of_sun_covered(const std::string& utc, const Vec3& position_m) {
   if (!is_near_full_moon(utc)) return 0;
-  const SkyObserver observer(utc, position_m, Vec3::Zero());
+  const SkyObserver observer(utc, position_m, Vec3::zero());
   const EarthFigure earth(observer);
   const ApparentBody sun = observer.sun();
   const Vec3 centre = observer.moon_me_from_icrf() * sun.direction;

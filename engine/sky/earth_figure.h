@@ -1,7 +1,6 @@
 // The Earth as an occluder, as seen from a place near the Moon.
 #pragma once
 
-#include <Eigen/Core>
 #include <limits>
 #include <optional>
 #include <string>
@@ -25,14 +24,14 @@ class EarthFigure {
   const Vec3& direction() const { return direction_; }  // of the Earth's centre, unit, MOON_ME
   double radius_rad() const;                            // angular radius of the equator
   // Rotates vectors of MOON_ME into the Earth's axes, not stretched.
-  const Eigen::Matrix3d& earth_from_moon_me() const { return earth_from_moon_me_; }
+  const Mat3& earth_from_moon_me() const { return earth_from_moon_me_; }
   // From the Earth's centre to the observer, stretched axes, in Earth radii.
   const Vec3& from_centre() const { return from_centre_; }
 
   // Evaluates the limb's cone for two stretched directions: a bilinear, symmetric form. limb_form(d, d) is 0 if a ray
   // along d touches the limb, and positive if the line hits the Earth.
   double limb_form(const Vec3& a, const Vec3& b) const {
-    return a.dot(from_centre_) * b.dot(from_centre_) - (from_centre_.squaredNorm() - 1) * a.dot(b);
+    return a.dot(from_centre_) * b.dot(from_centre_) - (from_centre_.squared_norm() - 1) * a.dot(b);
   }
   // Returns the range, in multiples of the stretched direction, at which a ray hits the Earth. Empty if it misses, or
   // starts inside.
@@ -46,7 +45,7 @@ class EarthFigure {
  private:
   ApparentBody body_;
   Vec3 direction_;
-  Eigen::Matrix3d earth_from_moon_me_;
+  Mat3 earth_from_moon_me_;
   Vec3 from_centre_;
 };
 

@@ -14,12 +14,12 @@
 #include <erfam.h>
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
 #include <string_view>
 
 #include "dem/base/error.h"
+#include "dem/grid/rotation.h"
 #include "engine/sky/erfa_rows.h"
 
 namespace selenograph::engine {
@@ -175,27 +175,25 @@ JulianDate utc_from_tdb(const JulianDate& tdb) {
 // --- Sun and Moon
 
 // Returns a passive rotation, the convention of this file's sources: the axes turn by the angle, the vector stays.
-Eigen::Matrix3d axes_turned(double angle_rad, const Vec3& axis) {
-  return Eigen::AngleAxisd(-angle_rad, axis).toRotationMatrix();
-}
+Mat3 axes_turned(double angle_rad, const Vec3& axis) { return AngleAxis(-angle_rad, axis).matrix(); }
 
 // Returns the Moon's position and velocity relative to the Earth, ICRS axes, au and au per day.
 PositionVelocity moon_from_earth(const JulianDate& tdb) {
   ErfaMotion motion;
   eraMoon98(tdb.day, tdb.fraction, motion.rows);
-  return motion.matrix();
+  return motion.motion();
 }
 
 // Returns the apparent Sun as seen from the Moon's centre, ICRS axes, au: light time first, then aberration.
 Vec3 apparent_sun_icrs_au(const JulianDate& tdb) {
   ErfaMotion from_sun, from_barycentre;
   eraEpv00(tdb.day, tdb.fraction, from_sun.rows, from_barycentre.rows);
-  const PositionVelocity sun_to_earth = from_sun.matrix(), barycentre_to_earth = from_barycentre.matrix(),
+  const PositionVelocity sun_to_earth = from_sun.motion(), barycentre_to_earth = from_barycentre.motion(),
                          earth_to_moon = moon_from_earth(tdb);
 
-  const Vec3 geometric = -(sun_to_earth + earth_to_moon).row(0).transpose();
-  const Vec3 sun_velocity = (barycentre_to_earth - sun_to_earth).row(1).transpose();
-  const Vec3 moon_velocity = (barycentre_to_earth + earth_to_moon).row(1).transpose();
+  const Vec3 geometric = -(sun_to_earth + earth_to_moon).position;
+  const Vec3 sun_velocity = (barycentre_to_earth - sun_to_earth).velocity;
+  const Vec3 moon_velocity = (barycentre_to_earth + earth_to_moon).velocity;
   const double light_time_d = geometric.norm() * ERFA_AULT / ERFA_DAYSEC;
   const Vec3 retarded = geometric - sun_velocity * light_time_d;  // at most 6 km: one iteration suffices
   // Aberration to first order in v/c = 1e-4; the next order is 2 milliarcseconds.
@@ -226,7 +224,7 @@ constexpr LibrationTerm kLibration[] = {
 };
 
 // Returns the rotation from ICRS axes into MOON_ME: Rz(W) Rx(90 deg - declination) Rz(90 deg + right ascension).
-Eigen::Matrix3d moon_me_from_icrs(const JulianDate& tdb) {
+Mat3 moon_me_from_icrs(const JulianDate& tdb) {
   const double d = (tdb.day - ERFA_DJ00) + tdb.fraction;
   const double centuries = d / ERFA_DJC;
   double right_ascension_deg = 269.9949 + 0.0031 * centuries;
@@ -238,15 +236,15 @@ Eigen::Matrix3d moon_me_from_icrs(const JulianDate& tdb) {
     declination_deg += term.declination_deg * std::cos(argument);
     prime_meridian_deg += term.prime_meridian_deg * std::sin(argument);
   }
-  return axes_turned(prime_meridian_deg * kRadPerDeg, Vec3::UnitZ()) *
-         axes_turned((90.0 - declination_deg) * kRadPerDeg, Vec3::UnitX()) *
-         axes_turned((90.0 + right_ascension_deg) * kRadPerDeg, Vec3::UnitZ());
+  return axes_turned(prime_meridian_deg * kRadPerDeg, Vec3::unit_z()) *
+         axes_turned((90.0 - declination_deg) * kRadPerDeg, Vec3::unit_x()) *
+         axes_turned((90.0 + right_ascension_deg) * kRadPerDeg, Vec3::unit_z());
 }
 
 // Returns the rotation from principal axes into the mean Earth frame: ME = Rx(-x) Ry(-y) Rz(-z) PA.
-Eigen::Matrix3d moon_me_from_pa(double x_arcsec, double y_arcsec, double z_arcsec) {
-  return axes_turned(-x_arcsec * ERFA_DAS2R, Vec3::UnitX()) * axes_turned(-y_arcsec * ERFA_DAS2R, Vec3::UnitY()) *
-         axes_turned(-z_arcsec * ERFA_DAS2R, Vec3::UnitZ());
+Mat3 moon_me_from_pa(double x_arcsec, double y_arcsec, double z_arcsec) {
+  return axes_turned(-x_arcsec * ERFA_DAS2R, Vec3::unit_x()) * axes_turned(-y_arcsec * ERFA_DAS2R, Vec3::unit_y()) *
+         axes_turned(-z_arcsec * ERFA_DAS2R, Vec3::unit_z());
 }
 
 }  // namespace
@@ -273,12 +271,12 @@ Earth earth_at(const std::string& utc) {
   const PositionVelocity earth_to_moon = moon_from_earth(tdb);
   // The Earth and the Moon move together around the Sun. Aberration from their relative velocity remains: 3.4e-6.
   const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;
-  const Vec3 toward = -earth_to_moon.row(0).transpose(), velocity = earth_to_moon.row(1).transpose();
+  const Vec3 toward = -earth_to_moon.position, velocity = earth_to_moon.velocity;
   const Vec3 apparent = toward.normalized() + velocity / light_speed_au_per_day;
   return {(moon_me_from_icrs(tdb) * apparent).normalized(), toward.norm() * ERFA_DAU};
 }
 
-Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s) {
+Mat3 moon_me_from_icrf(const std::string& utc, double later_s) {
   const JulianDate tdb = tt_at(utc);
   return moon_me_from_icrs({tdb.day, tdb.fraction + later_s / ERFA_DAYSEC});
 }
@@ -300,7 +298,7 @@ std::string utc_of_et(double et_s) {
                      time[3]);
 }
 
-Eigen::Matrix3d moon_me_from(BodyFrame frame) {
+Mat3 moon_me_from(BodyFrame frame) {
   switch (frame) {
     // Williams, Boggs and Folkner 2008, "DE421 Lunar Orbit, Physical Librations, and Surface Coordinates", JPL IOM
     // 335-JW,DB,WF-20080314-001; the same angles stand in NAIF's moon_080317.tf.
@@ -313,7 +311,7 @@ Eigen::Matrix3d moon_me_from(BodyFrame frame) {
     case BodyFrame::moon_me:
       break;
   }
-  return Eigen::Matrix3d::Identity();
+  return Mat3::identity();
 }
 
 }  // namespace selenograph::engine

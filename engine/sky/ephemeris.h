@@ -1,7 +1,6 @@
 // Direction of the Sun as seen from the Moon at an epoch, and the constant rotations between lunar body frames.
 #pragma once
 
-#include <Eigen/Core>
 #include <string>
 
 #include "dem/grid/geodesy.h"
@@ -29,7 +28,7 @@ Earth earth_at(const std::string& utc);
 
 // Returns the rotation from ICRF axes into MOON_ME at `later_s` seconds after a UTC epoch, as sun_at uses it. Accuracy:
 // 0.01 degrees of rotation. Throws as sun_at.
-Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s = 0);
+Mat3 moon_me_from_icrf(const std::string& utc, double later_s = 0);
 
 // A Julian date in two parts, which together keep microseconds.
 struct JulianDate {
@@ -46,6 +45,6 @@ std::string utc_of_et(double et_s);
 enum class BodyFrame { moon_me, moon_pa_de421, moon_pa_de440 };
 
 // Returns the constant rotation from the named frame into MOON_ME (DE421), by published angles.
-Eigen::Matrix3d moon_me_from(BodyFrame frame);
+Mat3 moon_me_from(BodyFrame frame);
 
 }  // namespace selenograph::engine

@@ -1,6 +1,5 @@
 #include "engine/sky/sky_discs.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -188,7 +187,7 @@ class EarthDisc : public Disc {
   // (f.f - 1) (r.s)^2 - 2 (f.s) (r.s) (r.f) + (f.s)^2 r.r = 0.
   void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
     const Vec3 &f = figure_.from_centre(), &s = terminator_normal_;
-    const double f_f = f.squaredNorm(), f_s = f.dot(s);
+    const double f_f = f.squared_norm(), f_s = f.dot(s);
     const auto terminator_form = [&](const Vec3& a, const Vec3& b) {
       return (f_f - 1) * a.dot(s) * b.dot(s) - f_s * (a.dot(s) * b.dot(f) + b.dot(s) * a.dot(f)) + f_s * f_s * a.dot(b);
     };
@@ -204,7 +203,7 @@ class EarthDisc : public Disc {
     const Vec3& normal = surface.normal;
     const double mu = std::max(-normal.dot(ray), 0.05);  // bounded, so that the footprint stays finite at the limb
     const Vec3 across =
-        normal.cross(ray).norm() > 1e-9 ? Vec3(normal.cross(ray).normalized()) : normal.unitOrthogonal();
+        normal.cross(ray).norm() > 1e-9 ? Vec3(normal.cross(ray).normalized()) : normal.unit_orthogonal();
     const Vec3 along = normal.cross(across);
     const double side = step_rad * surface.range;
     return subsolar_radiance_ * surface.mu0 * pattern_.relative(normal, side * across, side / mu * along);
@@ -218,7 +217,7 @@ class EarthDisc : public Disc {
   Vec3 stretched(const Vec3& direction) const { return EarthFigure::stretched(in_earth_axes(direction)); }
 
   struct Hit {
-    Vec3 normal = Vec3::Zero();  // geodetic
+    Vec3 normal = Vec3::zero();  // geodetic
     double range = 0, mu0 = 0;   // in Earth radii; cosine of incidence
   };
   // Intersects a unit direction in the Earth's axes. A miss has mu0 = 0.
@@ -241,9 +240,9 @@ class EarthDisc : public Disc {
     const double distance = from_centre.norm();
     // The grid's pole is normal to the plane of observer, Earth and Sun.
     const Vec3 pole = from_centre.cross(terminator_normal_);
-    Eigen::Matrix3d axes;
+    Mat3 axes;
     axes.col(0) = from_centre / distance;
-    axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unitOrthogonal());
+    axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unit_orthogonal());
     axes.col(1) = axes.col(2).cross(axes.col(0));
     // The horizon is acos(1 / distance) from the point below the observer; the terminator 90 degrees from the Sun's.
     const double terminator_lon = std::atan2(pole.norm(), from_centre.dot(terminator_normal_)) - pi / 2,
@@ -324,7 +323,7 @@ class DiscPainter {
     // Close to a fisheye's rear axis the image of the rim encloses everything but the disc.
     if (ahead.dot(centre) < -std::cos(2 * radius)) return unbounded;
     // Start the rim at the point farthest from the boresight, where lenses stretch most.
-    const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unitOrthogonal(),
+    const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unit_orthogonal(),
                x = y.cross(centre);
     PixelBox box{unbounded.right, unbounded.left, unbounded.bottom, unbounded.top};  // empty: each point extends it
     // Extends the box by points of the rim; returns true if the lens images all of them.
@@ -333,7 +332,7 @@ class DiscPainter {
       for (int i = 0; i < points; ++i) {
         const double turn = 2 * pi * i / points;
         const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
-        const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
+        const auto pixel = view.projection().image(view.moon_from_camera().transpose_times(rim));
         if (!pixel) continue;
         ++imaged;
         box.left = std::min(box.left, pixel->x);

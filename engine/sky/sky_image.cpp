@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -106,7 +105,7 @@ void SkyImage::for_points(int margin_px, const std::function<void(std::span<cons
     const int row =
         p.row == kAllRows ? std::clamp(static_cast<int>(std::lround(p.y_px)), 0, camera_.height - 1) : p.row;
     points.push_back({p.x_px - margin_px, p.y_px - margin_px,
-                      views_->of(row).moon_from_camera().transpose() * source.direction, source.counted_w_m2_sr,
+                      views_->of(row).moon_from_camera().transpose_times(source.direction), source.counted_w_m2_sr,
                       p.row == kAllRows ? std::nullopt : std::optional(p.row - margin_px)});
     if (points.size() == kPointsPerVisit) {
       visit(points);

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -98,7 +97,7 @@ class SkyFinder {
     std::vector<SkyObject> found;
     if (!options_.stars) return found;
     const StarCatalogue& catalogue = *options_.stars;
-    const Vec3 middle = observer_.moon_me_from_icrf().transpose() * views_.reference().middle();
+    const Vec3 middle = observer_.moon_me_from_icrf().transpose_times(views_.reference().middle());
     const double radius = field_radius_rad(views_, margin_px_) + SkyObserver::kMaxParallaxAndDeflection_rad +
                           catalogue.largest_motion_rad(observer_.years_since_j2000()) + 1e-4;  // 1e-4: aberration
     for (const std::uint32_t index :
@@ -284,7 +283,7 @@ std::vector<SkyObject> query_sky(const FrameRequest& request, const RenderContex
     const int row = std::clamp(static_cast<int>(std::lround(object.y_px)), 0, views.height() - 1);
     if (sr)
       object.electrons =
-          sensor.point_e({object.x_px, object.y_px, views.of(row).moon_from_camera().transpose() * object.direction,
+          sensor.point_e({object.x_px, object.y_px, views.of(row).moon_from_camera().transpose_times(object.direction),
                           object.counted_w_m2 / *sr});
   }
   return sky;

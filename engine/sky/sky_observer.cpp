@@ -4,11 +4,11 @@
 #include <erfam.h>
 #include <libnova/libnova.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <mutex>
 #include <utility>
 
+#include "dem/grid/rotation.h"
 #include "engine/sky/erfa_rows.h"
 
 namespace selenograph::engine {
@@ -19,14 +19,14 @@ constexpr double kLightDaysPerAu = ERFA_AULT / ERFA_DAYSEC;
 // The Earth's position and velocity from the Sun and from the solar system's barycentre, ICRS axes, au and au per day.
 struct EarthMotion {
   PositionVelocity from_sun, from_barycentre;
-  Vec3 sun_from_barycentre() const { return (from_barycentre - from_sun).row(0).transpose(); }
+  Vec3 sun_from_barycentre() const { return (from_barycentre - from_sun).position; }
 };
 
 // Returns the Earth's motion `days_before` a date.
 EarthMotion earth_motion(const JulianDate& date, double days_before = 0) {
   ErfaMotion from_sun, from_barycentre;
   eraEpv00(date.day, date.fraction - days_before, from_sun.rows, from_barycentre.rows);
-  return {from_sun.matrix(), from_barycentre.matrix()};
+  return {from_sun.motion(), from_barycentre.motion()};
 }
 
 // Returns the heliocentric ecliptic coordinates (J2000.0) of a planet other than the Earth.
@@ -46,13 +46,13 @@ ln_helio_posn ecliptic_position(Planet planet, double tt_jd) {
 // Returns a planet's position relative to the Sun's centre, ICRF axes, au, `days_before` the date. The Earth's is that
 // of eraEpv00, as everywhere else in the sky.
 Vec3 planet_from_sun(Planet planet, const JulianDate& date, double days_before) {
-  if (planet == Planet::earth) return earth_motion(date, days_before).from_sun.row(0).transpose();
+  if (planet == Planet::earth) return earth_motion(date, days_before).from_sun.position;
   const ln_helio_posn position = ecliptic_position(planet, date.day + (date.fraction - days_before));
   const double longitude = position.L * kRadiansPerDegree, latitude = position.B * kRadiansPerDegree,
                obliquity = eraObl80(ERFA_DJ00, 0);
   const Vec3 ecliptic = position.R * Vec3(std::cos(latitude) * std::cos(longitude),
                                           std::cos(latitude) * std::sin(longitude), std::sin(latitude));
-  return Eigen::AngleAxisd(obliquity, Vec3::UnitX()) * ecliptic;
+  return AngleAxis(obliquity, Vec3::unit_x()) * ecliptic;
 }
 
 // Returns the barycentric position of a body at the time when the light left it that arrives now, au.
@@ -94,17 +94,17 @@ SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const V
       moon_me_from_icrf_(engine::moon_me_from_icrf(utc)),
       years_(((date_.day - ERFA_DJ00) + date_.fraction) / ERFA_DJY),
       states_(std::move(states)),
-      from_moon_m_(moon_me_from_icrf_.transpose() * position_m),
+      from_moon_m_(moon_me_from_icrf_.transpose_times(position_m)),
       astrometry_(std::make_unique<Astrometry>()) {
   const EarthMotion earth = earth_motion(date_);
   ErfaMotion moon_rows;
   eraMoon98(date_.day, date_.fraction, moon_rows.rows);
-  const PositionVelocity moon = moon_rows.matrix();
-  PositionVelocity observer;
-  observer.row(0) = ERFA_DAU * moon.row(0) + from_moon_m_.transpose();
-  observer.row(1) = ERFA_DAU / ERFA_DAYSEC * moon.row(1) + (moon_me_from_icrf_.transpose() * velocity_m_s).transpose();
-  moon_velocity_m_s_ = ERFA_DAU / ERFA_DAYSEC * (earth.from_barycentre.row(1) + moon.row(1)).transpose();
-  Vec3 from_sun = earth.from_sun.row(0).transpose();
+  const PositionVelocity moon = moon_rows.motion();
+  const PositionVelocity observer{
+      ERFA_DAU * moon.position + from_moon_m_,
+      ERFA_DAU / ERFA_DAYSEC * moon.velocity + moon_me_from_icrf_.transpose_times(velocity_m_s)};
+  moon_velocity_m_s_ = ERFA_DAU / ERFA_DAYSEC * (earth.from_barycentre.velocity + moon.velocity);
+  Vec3 from_sun = earth.from_sun.position;
   ErfaMotion observer_rows(observer), earth_rows(earth.from_barycentre);
   eraApcs(date_.day, date_.fraction, observer_rows.rows, earth_rows.rows, from_sun.data(), &astrometry_->context);
 }
@@ -136,12 +136,12 @@ ApparentBody SkyObserver::body_at(const Vec3& from_observer_au, const Vec3& from
   return body;
 }
 
-Eigen::Matrix3d SkyObserver::earth_from_icrf(double distance_m) const {
+Mat3 SkyObserver::earth_from_icrf(double distance_m) const {
   const JulianDate tt{date_.day, date_.fraction - distance_m / ERFA_CMPS / ERFA_DAYSEC};
   JulianDate tai, utc;
   eraTttai(tt.day, tt.fraction, &tai.day, &tai.fraction);
   eraTaiutc(tai.day, tai.fraction, &utc.day, &utc.fraction);
-  ErfaRows<3> rotation;
+  ErfaRotation rotation;
   eraC2t00b(tt.day, tt.fraction, utc.day, utc.fraction, 0, 0, rotation.rows);
   return rotation.matrix();
 }
@@ -171,10 +171,10 @@ ApparentBody SkyObserver::planet_by_state(const Vec3& from_observer_au) const {
 }
 
 ApparentBody SkyObserver::sun() const {
-  if (const auto from_observer = from_observer_by_state("sun")) return body_at(*from_observer, Vec3::Zero());
+  if (const auto from_observer = from_observer_by_state("sun")) return body_at(*from_observer, Vec3::zero());
   const Vec3 position = at_departure(astrometry_->position(),
                                      [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });
-  return body_at(position - astrometry_->position(), Vec3::Zero());
+  return body_at(position - astrometry_->position(), Vec3::zero());
 }
 
 ApparentBody SkyObserver::planet(Planet planet) const {

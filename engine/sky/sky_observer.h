@@ -1,7 +1,6 @@
 // Apparent directions of stars, the Sun, the Earth and planets for an observer near the Moon.
 #pragma once
 
-#include <Eigen/Core>
 #include <memory>
 #include <optional>
 #include <span>
@@ -26,7 +25,7 @@ struct ApparentBody {
   double distance_m = 0;      // from the observer, along the light's path
   double sun_distance_m = 0;  // from the Sun to the body
   double phase_deg = 0;       // angle at the body between the Sun and the observer; 0 for the Sun
-  Vec3 from_sun = Vec3::Zero(), from_observer = Vec3::Zero();  // unit, ICRF axes, without aberration: toward the body
+  Vec3 from_sun = Vec3::zero(), from_observer = Vec3::zero();  // unit, ICRF axes, without aberration: toward the body
 };
 
 // Positions of the Moon and the Earth are ERFA's, by eraMoon98 (31.7 km) and eraEpv00 (11.2 km; ephemeris.cpp has the
@@ -47,7 +46,7 @@ class SkyObserver {
   SkyObserver(const SkyObserver&) = delete;
   SkyObserver& operator=(const SkyObserver&) = delete;
 
-  const Eigen::Matrix3d& moon_me_from_icrf() const { return moon_me_from_icrf_; }
+  const Mat3& moon_me_from_icrf() const { return moon_me_from_icrf_; }
   double years_since_j2000() const { return years_; }
 
   // Returns the apparent direction, unit, ICRF axes, with proper motion, parallax, deflection of light by the Sun, and
@@ -59,7 +58,7 @@ class SkyObserver {
   // Returns the rotation from ICRF axes into the Earth's (ITRF: +z the pole, +x Greenwich) at the time when the light
   // left the Earth that arrives from `distance_m`. IAU 2000B; UT1 is taken as UTC, which is right to 0.9 s or 0.004
   // degrees.
-  Eigen::Matrix3d earth_from_icrf(double distance_m) const;
+  Mat3 earth_from_icrf(double distance_m) const;
 
   ApparentBody sun() const;
   ApparentBody planet(Planet planet) const;
@@ -71,7 +70,7 @@ class SkyObserver {
   ApparentBody planet_by_state(const Vec3& from_observer_au) const;
 
   JulianDate date_;
-  Eigen::Matrix3d moon_me_from_icrf_;
+  Mat3 moon_me_from_icrf_;
   double years_;
   BodyStates states_;
   Vec3 from_moon_m_, moon_velocity_m_s_;  // of the observer; of the Moon, barycentric. ICRF axes

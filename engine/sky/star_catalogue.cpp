@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -134,7 +133,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
   id_ends_.reserve(rows.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i == 0 || cell[order[i]] != cell[order[i - 1]])
-      cells_.push_back({Vec3::Zero(), 0, static_cast<std::uint32_t>(i), 0});
+      cells_.push_back({Vec3::zero(), 0, static_cast<std::uint32_t>(i), 0});
     const Star& star = stars_.emplace_back(star_of(rows[order[i]]));
     fastest_rad_yr_ = std::max(fastest_rad_yr_, static_cast<double>(star.motion_rad_yr.norm()));
     ids_ += rows[order[i]].id;

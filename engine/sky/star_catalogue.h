@@ -1,7 +1,6 @@
 // A catalogue of stars, searched by field.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -29,7 +28,7 @@ struct Star {
   // ICRS direction from the Solar System's barycentre at J2000.0: a unit vector at the catalogue's epoch, moved along a
   // straight line by the proper motion since then. Therefore not exactly of unit length.
   Vec3 position;
-  Eigen::Vector3f motion_rad_yr;
+  Vec3f motion_rad_yr;
   float parallax_rad, v_mag, b_v;
 };
 

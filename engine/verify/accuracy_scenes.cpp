@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "dem/base/error.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::engine {
 namespace {
@@ -48,9 +49,7 @@ Pose tilted_pose(const Vec3& position_m, double tilt_deg) {
   const Vec3 z = -axes.up * std::cos(tilt_deg * kRadiansPerDegree) +
                  axes.north * std::sin(tilt_deg * kRadiansPerDegree),
              x = axes.east;
-  Eigen::Matrix3d rows;
-  rows << x.transpose(), z.cross(x).transpose(), z.transpose();
-  return {position_m, Eigen::Quaterniond(rows)};
+  return {position_m, Quat(Mat3::from_rows(x, z.cross(x), z))};
 }
 
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& site,

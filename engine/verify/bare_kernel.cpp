@@ -26,14 +26,14 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
   const Camera& camera = view.camera();
   const int width = camera.width, height = camera.height;
   image.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  const Eigen::Matrix3f m = view.moon_from_camera().cast<float>();
+  const Mat3f m = view.moon_from_camera().cast<float>();
   // Start all rays half way to the plane where the boresight enters the shell: a single distance for all rays costs
   // nothing per ray.
   const double above = std::max(0.0, view.position().norm() - shell_radius_m);
   const Vec3 boresight = view.moon_from_camera().col(2);
   const double descent = -boresight.dot(view.position().normalized());
   const float skip = descent > 0.2 ? static_cast<float>(above / descent * 0.5) : 0.F;
-  const Eigen::Vector3f o = (view.position() - anchor_).cast<float>(), s = sun.cast<float>();
+  const Vec3f o = (view.position() - anchor_).cast<float>(), s = sun.cast<float>();
   constexpr int kTile = 32;
   const int across = width / kTile, along = height / kTile;
   in_parallel(static_cast<std::size_t>(across * along), [&](std::size_t index) {

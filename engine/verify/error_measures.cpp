@@ -21,7 +21,7 @@ struct PointError {
 
 // Returns the error of a visible point against the finest surface vertically above or below it.
 PointError error_of(const View& view, const dem::Terrain& terrain, const Vec3& point) {
-  if (!point.allFinite()) return {};
+  if (!point.is_finite()) return {};
   const Geographic g = to_geographic(point);
   const double ground = terrain.height(g.lat_deg, g.lon_deg).height_m;
   const auto pixel = view.project(point), true_pixel = view.project(to_cartesian({g.lat_deg, g.lon_deg, ground}));

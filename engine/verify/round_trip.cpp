@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "dem/base/error.h"
+#include "dem/grid/rotation.h"
 #include "engine/rays/ray_queries.h"
 #include "engine/verify/resample.h"
 
@@ -57,9 +58,7 @@ PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& re
 // Returns a pose looking straight down, image up to the north: +x east, +y south, +z down.
 Pose looking_down(const Vec3& position) {
   const EastNorthUp local = local_axes(position);
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << local.east.transpose(), -local.north.transpose(), -local.up.transpose();
-  return {position, Eigen::Quaterniond(camera_from_moon).normalized()};
+  return {position, Quat(Mat3::from_rows(local.east, -local.north, -local.up)).normalized()};
 }
 
 // Rows and columns [r0, r1) x [c0, c1) of a window, which are seen from one camera position.

@@ -68,9 +68,7 @@ engine::FrameRequest request(const dem::Terrain& terrain, const Place& place, co
   const EastNorthUp axes = local_axes(position);
   const double tilt = setting.tilt_deg * kRadians, sun = setting.sun_deg * kRadians;
   const Vec3 z = -axes.up * std::cos(tilt) + axes.north * std::sin(tilt), x = axes.east;
-  Eigen::Matrix3d rows;
-  rows << x.transpose(), z.cross(x).transpose(), z.transpose();
-  r.pose = {position, Eigen::Quaterniond(rows)};
+  r.pose = {position, Quat(Mat3::from_rows(x, z.cross(x), z))};
   r.sun.direction = axes.up * std::sin(sun) + axes.east * std::cos(sun);
   r.sun.angular_radius_deg = setting.angular_radius_deg;
   r.accuracy.max_error_px = setting.max_error_px;
@@ -183,10 +181,10 @@ engine::SceneObject box_below(const engine::FrameRequest& r, double ahead_m) {
                         {1, 7, 5}})
     shape.triangles.push_back({t, 0});
   shape.parts = {"box"};
-  const Vec3 boresight = r.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const Vec3 boresight = r.pose.camera_from_moon.conjugate() * Vec3::unit_z();
   return {std::make_shared<const engine::ObjectMesh>(shape),
           r.pose.position_m + ahead_m * boresight,
-          Eigen::Quaterniond(0.8, 0.36, 0.48, 0),
+          Quat(0.8, 0.36, 0.48, 0),
           1,
           {engine::Material()}};
 }

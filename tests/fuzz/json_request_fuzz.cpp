@@ -69,7 +69,7 @@ void check_camera(const engine::Camera& c) {
 void check_pose(const engine::Pose& pose) {
   require(is_coordinate(pose.position_m), "the position is in range");
   require(std::abs(pose.camera_from_moon.norm() - 1) < 1e-12, "the attitude is a unit quaternion");
-  require(pose.camera_from_moon.w() >= 0, "one attitude, one quaternion");
+  require(pose.camera_from_moon.w >= 0, "one attitude, one quaternion");
 }
 
 void check_sun(const engine::Sun& sun) {
@@ -80,12 +80,12 @@ void check_sun(const engine::Sun& sun) {
 
 // Pixels to directions and back, where the lens has an inverse.
 void check_view(const engine::Camera& camera, const engine::Pose& pose) {
-  const engine::View view(camera, {Vec3::Zero(), pose.camera_from_moon});
+  const engine::View view(camera, {Vec3::zero(), pose.camera_from_moon});
   for (const double x : {0.0, 0.5 * (camera.width - 1), camera.width - 1.0})
     for (const double y : {0.0, camera.height - 1.0}) {
       const auto ray = view.ray(x, y);
       if (!ray) continue;
-      require(ray->allFinite(), "a ray is finite");
+      require(ray->is_finite(), "a ray is finite");
       require(std::abs((view.moon_from_camera().transpose() * *ray).z() - 1) < 1e-6 * ray->norm(), "its depth is 1");
     }
 }
@@ -98,7 +98,7 @@ void check_shutter(engine::Camera camera, const engine::Pose& pose, const engine
   try {
     const engine::RowViews views(camera, pose, shutter);
     for (int row = 0; row < camera.height; ++row)
-      require(views.of(row).position().allFinite() && views.of(row).moon_from_camera().allFinite(), "a row has a pose");
+      require(views.of(row).position().is_finite() && views.of(row).moon_from_camera().is_finite(), "a row has a pose");
   } catch (const ImpossibleRequest&) {
   }
 }

@@ -48,10 +48,10 @@ class DetailBorders : public testing::Test {
     const double ground_m = renderer_->terrain_with(detail_)->height(lat_deg, lon_deg).height_m;
     request.pose.position_m = to_cartesian({lat_deg, lon_deg, ground_m + height_m});
     const EastNorthUp axes = local_axes(request.pose.position_m);
-    Eigen::Matrix3d camera;
+    Mat3 camera;
     camera.col(0) = axes.east, camera.col(1) = -axes.north, camera.col(2) = -axes.up;
     request.pose.camera_from_moon =
-        (Eigen::Quaterniond(camera) * Eigen::AngleAxisd(tilt_deg * kRadiansPerDegree, Vec3::UnitX())).conjugate();
+        (Quat(camera) * AngleAxis(tilt_deg * kRadiansPerDegree, Vec3::unit_x())).conjugate();
     const double sun = sun_deg * kRadiansPerDegree;
     request.sun.direction = (std::sin(sun) * axes.up + std::cos(sun) * axes.east).normalized();
     request.detail = detail_;

@@ -39,9 +39,9 @@ struct Pinhole {
   const engine::Pose& pose;
 
   Vec3 turned(const Vec3& v, double direction) const {
-    const Eigen::Quaterniond& q = pose.camera_from_moon;
-    const Vec3 axis = direction * Vec3(q.x(), q.y(), q.z());
-    return v + 2 * q.w() * axis.cross(v) + 2 * axis.cross(axis.cross(v));
+    const Quat& q = pose.camera_from_moon;
+    const Vec3 axis = direction * q.vec();
+    return v + 2 * q.w * axis.cross(v) + 2 * axis.cross(axis.cross(v));
   }
   Vec3 ray(int pixel) const {
     const double x = (pixel % camera.width - camera.cx) / camera.fx, y = (pixel / camera.width - camera.cy) / camera.fy;
@@ -269,7 +269,7 @@ TEST_F(Distances, NoJumpWhereTheAnchorChanges) {
     engine::FrameRequest q = request_at(w.height_m, w.tilt_deg);
     q.products |= engine::kLit;
     q.sun.direction = local_sun(kTileLat, kTileLon, 120, 10);
-    const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+    const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::unit_z();
     const Vec3 from = q.pose.position_m - w.step_m / 2;
     const double clearance_m = w.height_m / 2;  // on the same side of what the anchor's lattice asks as the frame's
     Border border = border_between(from, from + w.step_m, boresight, clearance_m);

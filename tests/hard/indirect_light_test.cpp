@@ -50,7 +50,7 @@ class IndirectLight : public ::testing::Test {
     FrameRequest request = blank_request();
     request.camera = square_camera(216, 43.28);
     const Vec3 eye = to_cartesian({lat_deg, lon_deg, height_m});
-    request.pose = looking(eye, -eye, Vec3::UnitZ());
+    request.pose = looking(eye, -eye, Vec3::unit_z());
     request.sun.direction = local_sun(lat_deg, lon_deg, sun_azimuth_deg, sun_elevation_deg);
     return request;
   }
@@ -174,7 +174,7 @@ TEST_F(IndirectLight, AgreesWithClosedForms) {
     const double ground_m = renderer.terrain().height(lat_deg, lon_deg).height_m;
     // A pixel at the centre is as large as a post.
     const Vec3 eye = to_cartesian({lat_deg, lon_deg, ground_m + request.camera.fx * kClosedFormPosts_m});
-    request.pose = looking(eye, -eye, Vec3::UnitZ());
+    request.pose = looking(eye, -eye, Vec3::unit_z());
     request.reflectance = {.model = ReflectanceModel::lambert};
     for (const double sun_deg : form.suns_deg) {
       request.sun.direction = local_sun(lat_deg, lon_deg, form.sun_azimuth_deg, sun_deg);

@@ -14,6 +14,7 @@
 #include "engine/camera/view.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/star_catalogue.h"
+#include "engine/support/turn.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
@@ -59,7 +60,7 @@ TEST_F(LimbOfASphere, IsACone) {
       // What the image shows there, and at which azimuth: a small turn of the camera away from the centre.
       const Vec3 ray = view.ray(p.x_px, p.y_px)->normalized();
       EXPECT_NEAR(std::atan2(ray.cross(centre).norm(), ray.dot(centre)) / kDegree, p.angle_deg, 1e-9);
-      const auto turn = Eigen::Quaterniond::FromTwoVectors(view.moon_from_camera().col(2), centre);
+      const auto turn = engine::shortest_turn(view.moon_from_camera().col(2), centre);
       const Vec3 turned = view.moon_from_camera().transpose() * (turn.conjugate() * ray);
       EXPECT_NEAR(std::remainder(std::atan2(turned.y(), turned.x()) / kDegree - p.azimuth_deg, 360), 0, 1e-6);
     }
@@ -106,7 +107,7 @@ AcrossTheLimb look_across(const engine::Renderer& renderer, const engine::LimbRe
   const std::vector<double> offsets_px{-30, -0.3, -0.01, 0.01, 0.3, 30};
   AcrossTheLimb seen;
   std::vector<engine::Ray> rays;
-  const engine::PixelXY centre = *view.project(Vec3::Zero());  // it may be far beside the image
+  const engine::PixelXY centre = *view.project(Vec3::zero());  // it may be far beside the image
   for (const engine::LimbPoint& p : test::find_limb(renderer, request)) {
     if (!p.known() || !p.in_frame) continue;
     // In the half plane of its azimuth, whose image is a line through that of the centre.
@@ -164,7 +165,7 @@ TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {
   int visible = 0;
   for (const engine::TerminatorPoint& p : test::find_terminator(*renderer_, request)) {
     ASSERT_TRUE(p.known());
-    const Vec3 outward = (p.position_m - p.position_m.dot(sun) / sun.squaredNorm() * sun).normalized();
+    const Vec3 outward = (p.position_m - p.position_m.dot(sun) / sun.squared_norm() * sun).normalized();
     // From above all terrain. Float, which finds the triangles, knows a grazing ray to some centimetres.
     const Vec3 along = (p.position_m - sun).normalized(), from = p.position_m - 3e6 * along;
     for (const double offset_m : {-3.0, -0.3, 0.3, 3.0}) rays.push_back({from + offset_m * outward, along});
@@ -208,7 +209,7 @@ TEST_F(RealLimb, OfFinePostsAmongCoarseOnesIsBetweenRays) {
   const Vec3 from = to_cartesian({24, 75, 2e6}), there = to_cartesian({24, 6, 0});
   engine::LimbRequest request;
   request.camera = square_camera(1024, 5);  // 290 m per pixel
-  request.pose = looking(from, there - from, Vec3::UnitZ());
+  request.pose = looking(from, there - from, Vec3::unit_z());
   request.points = full_effort() ? 10000 : 4000;
   const AcrossTheLimb seen = look_across(renderer, request);
   EXPECT_GT(seen.points, full_effort() ? 200U : 80U);
@@ -243,7 +244,7 @@ TEST_F(RealLimb, AStarGoesBehindAMountain) {
     star = sky.at(0).direction;
     return sky.at(0).hidden_by == engine::HiddenBy::none;
   };
-  const Vec3 aside = (toward - toward.dot(from) / from.squaredNorm() * from).normalized();
+  const Vec3 aside = (toward - toward.dot(from) / from.squared_norm() * from).normalized();
   double hidden_m = -3000, seen_m = 3000;
   ASSERT_FALSE(sees(from + hidden_m * aside));
   ASSERT_TRUE(sees(from + seen_m * aside));

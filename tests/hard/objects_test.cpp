@@ -2,7 +2,6 @@
 // each other.
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -70,9 +69,9 @@ class ObjectJudge {
   // Least distance between a ray and a segment.
   static double apart(const Vec3& origin, const Vec3& direction, const Vec3& a, const Vec3& b) {
     const Vec3 ab = b - a, across = direction.cross(ab);
-    const double cross2 = across.squaredNorm();
+    const double cross2 = across.squared_norm();
     double share = 0;
-    if (cross2 > 1e-12 * ab.squaredNorm())
+    if (cross2 > 1e-12 * ab.squared_norm())
       share = std::clamp((origin - a).cross(direction).dot(across) / cross2, 0.0, 1.0);
     const auto to_ray = [&](double s) {
       const Vec3 rel = a + s * ab - origin;
@@ -90,18 +89,16 @@ Material lambert(double rho) {
   return m;
 }
 
-SceneObject satellite(const Vec3& position, const Eigen::Quaterniond& attitude, double scale) {
+SceneObject satellite(const Vec3& position, const Quat& attitude, double scale) {
   static const auto mesh = std::make_shared<const ObjectMesh>(test::read_shape(kSatellite));
   SceneObject object{mesh, position, attitude, scale, {}};
   object.materials.assign(mesh->shape().parts.size(), lambert(0.3));
   return object;
 }
 
-Eigen::Quaterniond upright(const Vec3& position) {
+Quat upright(const Vec3& position) {
   const EastNorthUp local = local_axes(position);
-  Eigen::Matrix3d m;
-  m << local.north, local.up.cross(local.north), local.up;
-  return Eigen::Quaterniond(m);
+  return Quat(Mat3(local.north, local.up.cross(local.north), local.up));
 }
 
 constexpr ProductSet kAll = kRadiance | kDepth | kRange | kPosition | kNormal | kLit | kSource | kGsd | kObjectId;
@@ -115,7 +112,7 @@ class ObjectsOverTerrain : public test::SampleScenery {
     const Vec3 stands = to_cartesian({lat, lon, ground + 1.2 * scale}),
                flies = to_cartesian({lat + 0.002 * scale / 10, lon, ground + 14 * scale});
     r.objects.push_back(satellite(stands, upright(stands), scale));
-    r.objects.push_back(satellite(flies, Eigen::Quaterniond(0.8, 0.36, -0.48, 0).normalized(), scale));
+    r.objects.push_back(satellite(flies, Quat(0.8, 0.36, -0.48, 0).normalized(), scale));
     const Vec3 eye = to_cartesian({lat - 0.004 * scale / 10, lon + 0.002 * scale / 10, ground + 25 * scale});
     r.camera = test::square_camera(160, 40);
     r.pose = test::looking(eye, (stands + flies) / 2 - eye, local_axes(eye).up);
@@ -270,14 +267,14 @@ TEST_F(ObjectsOverTerrain, AccurateFarAway) {
   const double distance = 2e9;
   ObjectShape shape;
   for (const auto& [x, y] : {std::pair{-5.F, -5.F}, {5.F, -5.F}, {5.F, 5.F}, {-5.F, 5.F}})
-    shape.corners.push_back({{x, y, 0}, Eigen::Vector3f::Zero()});
+    shape.corners.push_back({{x, y, 0}, Vec3f::zero()});
   shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}};
   shape.parts = {"plate"};
   const auto mesh = std::make_shared<const ObjectMesh>(shape);
-  r.pose = test::looking(eye, toward, Vec3::UnitZ());
+  r.pose = test::looking(eye, toward, Vec3::unit_z());
   // The plate's axes along the image's.
-  const Eigen::Quaterniond moon_from_camera = r.pose.camera_from_moon.conjugate();
-  const Vec3 axis = moon_from_camera * Vec3::UnitZ();
+  const Quat moon_from_camera = r.pose.camera_from_moon.conjugate();
+  const Vec3 axis = moon_from_camera * Vec3::unit_z();
   r.objects.push_back({mesh, eye + distance * axis, moon_from_camera, 1, {lambert(0.5)}});
   const double f = 32.3 * distance / 10;  // 32.3 pixels across
   r.camera = {64, 64, f, f, 31.5, 31.5, {}};
@@ -300,7 +297,7 @@ TEST_F(ObjectsOverTerrain, AccurateFarAway) {
 TEST_F(ObjectsOverTerrain, VerticesFarFromTheMeshOrigin) {
   ObjectShape shape = test::read_shape(kSatellite);
   // What is left of the corners there: the same shape at both places.
-  const Eigen::Vector3f away(4096, -2048, 1024);
+  const Vec3f away(4096, -2048, 1024);
   for (ObjectCorner& corner : shape.corners) corner.place += away;
   ObjectShape near = shape;
   for (ObjectCorner& corner : near.corners) corner.place -= away;
@@ -356,13 +353,12 @@ TEST_F(ObjectsOverTerrain, SheetsHaveTwoSides) {
   shape.parts = {"plate"};
   FrameRequest r;
   r.terrain = false;
-  r.objects.push_back(
-      {std::make_shared<const ObjectMesh>(shape), Vec3::Zero(), Eigen::Quaterniond::Identity(), 1, {lambert(1)}});
+  r.objects.push_back({std::make_shared<const ObjectMesh>(shape), Vec3::zero(), Quat::identity(), 1, {lambert(1)}});
   r.camera = test::square_camera(9, 30);
   r.products = kRadiance | kNormal | kAngles;
   for (const double eye : {-1.0, 1.0})
     for (const double sun : {-1.0, 1.0}) {
-      r.pose = test::looking(Vec3(0, 0, 100 * eye), Vec3(0, 0, -eye), Vec3::UnitY());
+      r.pose = test::looking(Vec3(0, 0, 100 * eye), Vec3(0, 0, -eye), Vec3::unit_y());
       r.sun.direction = Vec3(0, 0.6, 0.8 * sun);
       const FrameProducts p = scenery().renderer->render(r).products;
       EXPECT_NEAR(p.radiance[40], eye == sun ? 1361 * 0.8 / M_PI : 0, 1e-4);
@@ -374,7 +370,7 @@ TEST_F(ObjectsOverTerrain, SheetsHaveTwoSides) {
 TEST_F(ObjectsOverTerrain, GlintFollowsThePanel) {
   ObjectShape shape;
   for (const auto& [x, y] : {std::pair{-5.F, -5.F}, {5.F, -5.F}, {5.F, 5.F}, {-5.F, 5.F}})
-    shape.corners.push_back({{x, y, 0}, Eigen::Vector3f::Zero()});
+    shape.corners.push_back({{x, y, 0}, Vec3f::zero()});
   shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}};
   shape.parts = {"panel"};
   const double rho = 0.4, p = 300, phase = 40 * test::kDegree;
@@ -383,16 +379,15 @@ TEST_F(ObjectsOverTerrain, GlintFollowsThePanel) {
   panel.reflectance.rho = rho, panel.reflectance.shininess = p;
   FrameRequest r;
   r.terrain = false;
-  r.objects.push_back(
-      {std::make_shared<const ObjectMesh>(shape), Vec3::Zero(), Eigen::Quaterniond::Identity(), 1, {panel}});
+  r.objects.push_back({std::make_shared<const ObjectMesh>(shape), Vec3::zero(), Quat::identity(), 1, {panel}});
   r.camera = {1, 1, 1000, 1000, 0, 0, {}};
-  r.pose = test::looking(Vec3(0, 0, 100), -Vec3::UnitZ(), Vec3::UnitY());
+  r.pose = test::looking(Vec3(0, 0, 100), -Vec3::unit_z(), Vec3::unit_y());
   r.sun.direction = Vec3(std::sin(phase), 0, std::cos(phase));
   r.products = kRadiance;
   double brightest = 0, faintest = kInfinity;
   for (int turn_deg = -40; turn_deg <= 80; ++turn_deg) {
     const double turn = turn_deg * test::kDegree;
-    r.objects[0].moon_from_object = Eigen::AngleAxisd(turn, Vec3::UnitY());
+    r.objects[0].moon_from_object = AngleAxis(turn, Vec3::unit_y());
     const auto radiance = static_cast<double>(scenery().renderer->render(r).products.radiance[0]);
     const double mu0 = std::cos(phase - turn);
     const double expected = mu0 <= 0 ? 0

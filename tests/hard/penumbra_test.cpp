@@ -147,14 +147,13 @@ TEST(Penumbra, UnderThePlatesEdgeFollowsTheClosedForm) {
   for (const double turn_deg : {0.0, 27.0, 45.0}) {
     const double turn = turn_deg * kDegree;
     const Vec3 x = std::cos(turn) * axes.east + std::sin(turn) * axes.north, y = axes.up.cross(x);
-    Eigen::Matrix3d m;
-    m << x, y, axes.up;
+    const Mat3 m(x, y, axes.up);
     // Where the shadow falls.
     const Vec3 sun = local_direction(middle, 250, 35);
     const Geographic below = to_geographic(middle - kHeight_m / std::sin(35 * kDegree) * sun);
     engine::FrameRequest request = nadir_view({below.lat_deg, below.lon_deg, 300}, 256, 110, sun);
     request.sun.angular_radius_deg = 0.2666;
-    request.objects = {{mesh, middle, Eigen::Quaterniond(m), 1, {engine::Material()}}};
+    request.objects = {{mesh, middle, Quat(m), 1, {engine::Material()}}};
     for (const auto& [way, name] : kWays) {
       request.visibility = way;
       const engine::FrameProducts p = renderer.render(request).products;
@@ -258,7 +257,7 @@ class PenumbraView {
     if (truth.hit != Verdict::yes) return std::nullopt;
     const Vec3 point = eye + truth.distance_m * direction, normal = judge_.vertices(truth.face)->normal();
     std::size_t free = 0, unsure = 0;
-    const Vec3 sun = request_.sun.direction, across = sun.unitOrthogonal(), up = sun.cross(across);
+    const Vec3 sun = request_.sun.direction, across = sun.unit_orthogonal(), up = sun.cross(across);
     for (std::size_t r = 0; r < kRays; ++r) {
       const double n = static_cast<double>(r), radius = std::tan(0.2666 * kDegree) * std::sqrt((n + 0.5) / kRays),
                    turn = n * std::numbers::pi * (3 - std::sqrt(5.0));

@@ -47,7 +47,7 @@ TEST(Packets, AxisAlignedRaysAreNotLost) {
   const dem::PyramidTerrain terrain(dem::Catalogue(std::vector<std::string>{folder.path()}), {});
   std::mt19937_64 random(1);
   for (int axis = 0; axis < 6; ++axis) {
-    Vec3 up = Vec3::Zero();
+    Vec3 up = Vec3::zero();
     up[axis / 2] = axis % 2 ? -1 : 1;
     const Scene scene(terrain, {around(up, 4, 0.15).blocks, up * kMoonRadius_m}, 2);
     int lost = 0;

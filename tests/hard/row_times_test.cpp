@@ -82,13 +82,13 @@ std::vector<std::pair<std::string, Rates>> motions(const FrameRequest& r, double
   const double to_end = r.camera.fx / half_height;  // motion at the end of the image, by its angle
   const double descent_m_s = height_m * motion_px / (half_height + motion_px) / readout_s;
   const auto [east, north, up] = local_axes(r.pose.position_m);
-  return {{"pitch", {Vec3(turn_deg_s, 0, 0), Vec3::Zero()}},
-          {"pitch backward", {Vec3(-turn_deg_s, 0, 0), Vec3::Zero()}},
-          {"yaw", {Vec3(0, turn_deg_s, 0), Vec3::Zero()}},
-          {"roll", {Vec3(0, 0, to_end * turn_deg_s), Vec3::Zero()}},
-          {"flight along the rows' order", {Vec3::Zero(), speed_m_s * north}},
-          {"flight across", {Vec3::Zero(), speed_m_s * east}},
-          {"descent", {Vec3::Zero(), -descent_m_s * up}},
+  return {{"pitch", {Vec3(turn_deg_s, 0, 0), Vec3::zero()}},
+          {"pitch backward", {Vec3(-turn_deg_s, 0, 0), Vec3::zero()}},
+          {"yaw", {Vec3(0, turn_deg_s, 0), Vec3::zero()}},
+          {"roll", {Vec3(0, 0, to_end * turn_deg_s), Vec3::zero()}},
+          {"flight along the rows' order", {Vec3::zero(), speed_m_s * north}},
+          {"flight across", {Vec3::zero(), speed_m_s * east}},
+          {"descent", {Vec3::zero(), -descent_m_s * up}},
           {"all", {0.3 * turn_deg_s * Vec3(1, -1, to_end), 0.3 * (speed_m_s * (north + east) - descent_m_s * up)}}};
 }
 
@@ -320,7 +320,7 @@ FrameRequest with_object_and_map(FrameRequest request, const Vec3& north, const 
   const auto mesh = std::make_shared<const ObjectMesh>(
       test::read_shape(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj"));
   const Vec3 below = request.pose.position_m.normalized() * (kMoonRadius_m + 28000) + 900 * north;
-  SceneObject object{mesh, below, Eigen::Quaterniond(0.5, 0.5, 0.5, 0.5), 30, {}};
+  SceneObject object{mesh, below, Quat(0.5, 0.5, 0.5, 0.5), 30, {}};
   object.materials.resize(mesh->shape().parts.size());
   request.objects = {object};
   request.shutter.emplace();
@@ -431,7 +431,7 @@ TEST_F(RowTimes, AStripClosesThroughPosesWithALens) {
     Pose pose = test::looking((kMoonRadius_m + 30000 + 200 * std::sin(0.3 * i)) * zenith, -zenith, -ahead);
     // A tenth of a degree of unrest.
     pose.camera_from_moon =
-        Eigen::AngleAxisd(0.1 * kDegree * std::sin(2.0 * i), Vec3(1, 2, 3).normalized()) * pose.camera_from_moon;
+        AngleAxis(0.1 * kDegree * std::sin(2.0 * i), Vec3(1, 2, 3).normalized()) * pose.camera_from_moon;
     r.shutter->poses.push_back({time_s, pose});
   }
   r.pose = PoseTrack({}, *r.shutter).at(0);
@@ -477,7 +477,7 @@ TEST_F(RowTimes, TheCameraMustBeAboveTheGroundInEveryRow) {
 
 TEST_F(RowTimes, ADeadlineEndsAStrip) {
   FrameRequest r = strip(request(64, 64));
-  r.shutter->rates = {Vec3::Zero(), 1600 * north()};
+  r.shutter->rates = {Vec3::zero(), 1600 * north()};
   EXPECT_THROW(renderer().render(r, StopToken(StopToken::Clock::now())), Cancelled);
 }
 

@@ -9,7 +9,6 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -106,9 +105,8 @@ std::vector<BlockId> chessboard(const std::vector<BlockId>& blocks) {
 // What a wide-angle camera that looks straight down needs: fine below it, coarser all around.
 Selection seen_from(const dem::Terrain& terrain, const Vec3& position, double max_error_px) {
   const EastNorthUp axes = local_axes(position);
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << axes.east.transpose(), -axes.north.transpose(), -axes.up.transpose();
-  const View view({512, 512, 100, 100, 255.5, 255.5, {}}, {position, Eigen::Quaterniond(camera_from_moon)});
+  const auto camera_from_moon = Mat3::from_rows(axes.east, -axes.north, -axes.up);
+  const View view({512, 512, 100, 100, 255.5, 255.5, {}}, {position, Quat(camera_from_moon)});
   return select_for_view(terrain, view, nullptr, {.max_error_px = max_error_px}, StopToken());
 }
 
@@ -149,7 +147,7 @@ struct Seams {
   std::vector<Seam> all, corners, date_line, poles, tile_borders, level_borders;
 };
 
-bool finite(const Vec3& p) { return p.allFinite(); }
+bool finite(const Vec3& p) { return p.is_finite(); }
 
 // Whether the four posts around a tick are there.
 bool has_posts(const MeshBlock& b, std::int64_t lat, std::int64_t lon) {

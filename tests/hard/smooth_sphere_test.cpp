@@ -112,7 +112,7 @@ struct LimbView {
 // How far, in pixels of the camera, a direction lies outside of the tangent cone (half angle asin(R / d)): the limb.
 double pixels_outside_limb(const engine::FrameRequest& q, const Vec3& direction) {
   const Vec3 down = -q.pose.position_m.normalized();
-  const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::unit_z();
   const double angle = std::atan2(direction.cross(down).norm(), direction.dot(down));
   const double along = direction.dot(boresight);
   return (angle - std::asin(kMoonRadius_m / q.pose.position_m.norm())) * q.camera.fx / (along * along);
@@ -134,7 +134,7 @@ struct LimbError {
   double px = 0, promised_px = 0;
   std::size_t triangles = 0;
   // Of hits and misses on the wrong side of the limb, the farthest; seen through the glass at one place of the limb.
-  void look(const engine::Renderer& renderer, const engine::FrameRequest& q, const Eigen::Vector2d& place) {
+  void look(const engine::Renderer& renderer, const engine::FrameRequest& q, const Vec2& place) {
     constexpr int kGlass = 64;
     const double magnification = kGlass / std::max(0.04, 2 * q.accuracy.max_error_px);
     const engine::FrameRequest m = magnified(q, place.x(), place.y(), kGlass, magnification);
@@ -154,7 +154,7 @@ struct LimbError {
 };
 
 // The limb's place in the image on the way out from the Moon's centre, at an angle in the image.
-Eigen::Vector2d limb_at(const engine::FrameRequest& q, double angle) {
+Vec2 limb_at(const engine::FrameRequest& q, double angle) {
   const Vec3 position = q.pose.position_m, down = -position.normalized();
   const Vec3 side = q.pose.camera_from_moon.conjugate() * Vec3(std::cos(angle), std::sin(angle), 0);
   const Vec3 across = (side - side.dot(down) * down).normalized();

@@ -114,11 +114,11 @@ TEST_F(SmoothMoonUnder, ASunExactlyOnTheHorizon) {
     Vec3 sun;
     bool along_row;
   };
-  for (const Case& c : {Case{"north, seen from the equator", {0, 0, 20000}, Vec3::UnitZ(), true},
-                        Case{"south, seen from the equator", {0, 90, 20000}, -Vec3::UnitZ(), true},
-                        Case{"east", {0, 0, 20000}, Vec3::UnitY(), false},
-                        Case{"west, at 180 degrees", {0, 180, 20000}, Vec3::UnitY(), false},
-                        Case{"at the north pole", {90, 0, 20000}, Vec3::UnitY(), false}}) {
+  for (const Case& c : {Case{"north, seen from the equator", {0, 0, 20000}, Vec3::unit_z(), true},
+                        Case{"south, seen from the equator", {0, 90, 20000}, -Vec3::unit_z(), true},
+                        Case{"east", {0, 0, 20000}, Vec3::unit_y(), false},
+                        Case{"west, at 180 degrees", {0, 180, 20000}, Vec3::unit_y(), false},
+                        Case{"at the north pole", {90, 0, 20000}, Vec3::unit_y(), false}}) {
     SCOPED_TRACE(c.name);
     const FrameRequest request = nadir_view(c.place, 65, 50, c.sun);
     print(fmt::format("Sun on the horizon, {}", c.name), expect_formula(request));

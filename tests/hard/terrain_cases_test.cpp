@@ -90,7 +90,7 @@ class PolarCap {
 
   struct Meeting {
     double distance_m = std::numeric_limits<double>::infinity();
-    Vec3 normal = Vec3::Zero();
+    Vec3 normal = Vec3::zero();
   };
 
   // The nearest triangle that a ray meets farther than `from_m`, by trying those near its way: a quad is at most 180 m
@@ -102,7 +102,7 @@ class PolarCap {
       for (int c = 0; c < columns_; ++c) {
         const Vec3 &inner = at(r, c), to = inner - origin;
         const double along = to.dot(direction);
-        if (along < from_m - kNear_m || (to - along * direction).squaredNorm() > kNear_m * kNear_m) continue;
+        if (along < from_m - kNear_m || (to - along * direction).squared_norm() > kNear_m * kNear_m) continue;
         // The diagonal of a quad runs from its south-east to its north-west post.
         const Vec3 &next = at(r, c + 1), &outer = at(r + 1, c), &outer_next = at(r + 1, c + 1);
         if (north_) {
@@ -176,7 +176,7 @@ TEST(HardTerrain, BothPolesInPlaneTriangles) {
         const bool faces = truth.normal.dot(sun) > 0 && at3(frame.products.normal, i).dot(sun) > 0;
         const bool free = faces && !std::isfinite(cap.first(point, sun, 1e-4).distance_m);
         if (std::abs(truth.normal.dot(sun)) < 2e-4) continue;  // within centimetres of grazing
-        if (point.head<2>().norm() < 1e-6) continue;           // on the pole: any of thousands of triangles
+        if (point.xy().norm() < 1e-6) continue;                // on the pole: any of thousands of triangles
         lit += free, wrong += free != (frame.products.lit[i] > 0);
       }
       fmt::print("{} pole {:10}  hits {:4}  off by {:.1e} m at most  lit {:4}  wrong {}\n", north ? "north" : "south",
@@ -322,7 +322,7 @@ std::optional<Geographic> datum_place(const FrameRequest& request, std::size_t p
   const Vec3 in_camera((static_cast<double>(pixel % width) - c.cx) / c.fx,
                        (static_cast<double>(pixel / width) - c.cy) / c.fy, 1);
   const Vec3 d = (request.pose.camera_from_moon.conjugate() * in_camera).normalized(), &o = request.pose.position_m;
-  const double along = o.dot(d), root = along * along - o.squaredNorm() + kMoonRadius_m * kMoonRadius_m;
+  const double along = o.dot(d), root = along * along - o.squared_norm() + kMoonRadius_m * kMoonRadius_m;
   if (root < 0 || along > 0) return std::nullopt;
   return to_geographic(o - (along + std::sqrt(root)) * d);
 }

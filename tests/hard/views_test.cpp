@@ -17,6 +17,7 @@
 #include "tests/support/hard_views.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
+#include "tests/support/vec_text.h"
 
 namespace selenograph::test {
 namespace {
@@ -220,7 +221,7 @@ TEST(StrongLenses, OneRayPerPixelUpToTheFold) {
   for (const Distortion& d : strong_lenses()) {
     const Lens lens{d};
     const engine::Camera camera{100, 80, 50, 50, 49.5, 39.5, d};
-    const engine::View view(camera, {Vec3(2e6, 0, 0), Eigen::Quaterniond::Identity()});
+    const engine::View view(camera, {Vec3(2e6, 0, 0), Quat::identity()});
     for (int y = 0; y < camera.height; y += 3)
       for (int x = 0; x < camera.width; x += 3) {
         const double xd = (x - camera.cx) / camera.fx, yd = (y - camera.cy) / camera.fy;
@@ -244,8 +245,8 @@ TEST(StrongLenses, OneRayPerPixelUpToTheFold) {
         // A positive area so small that differences can't tell it from zero is the fold itself.
         if (lens.least_unfolded(ray->x(), ray->y()) < -1e-6) {
           ++folded;
-          ADD_FAILURE() << "a ray from behind the fold at " << x << ' ' << y << ": " << ray->transpose() << " k "
-                        << d.k1 << ' ' << d.k2 << ' ' << d.k3 << " p " << d.p1 << ' ' << d.p2;
+          ADD_FAILURE() << "a ray from behind the fold at " << x << ' ' << y << ": " << *ray << " k " << d.k1 << ' '
+                        << d.k2 << ' ' << d.k3 << " p " << d.p1 << ' ' << d.p2;
         }
       }
   }

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -23,7 +22,7 @@ class Trial {
       : judge_(judge),
         request_(request),
         products_(frame.products),
-        moon_from_camera_(request.pose.camera_from_moon.conjugate().toRotationMatrix()) {}
+        moon_from_camera_(request.pose.camera_from_moon.conjugate().matrix()) {}
 
   Findings hear() const {
     Findings all;
@@ -129,7 +128,7 @@ class Trial {
   const Judge& judge_;
   const engine::FrameRequest& request_;
   const engine::FrameProducts& products_;
-  Eigen::Matrix3d moon_from_camera_;
+  Mat3 moon_from_camera_;
 };
 
 }  // namespace

@@ -1,6 +1,5 @@
 #include "tests/support/judge.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -96,7 +95,7 @@ bool valid(std::int16_t post) { return post > kVoid; }
 // Returns the distances along a unit direction at which a ray enters and leaves a sphere about the Moon's centre.
 std::optional<std::pair<double, double>> through_sphere(const Vec3& origin, const Vec3& direction, double radius_m) {
   const double to_nearest_m = -origin.dot(direction);  // distance to the ray's point nearest to the centre
-  const double squared_offset_m2 = origin.squaredNorm() - to_nearest_m * to_nearest_m;
+  const double squared_offset_m2 = origin.squared_norm() - to_nearest_m * to_nearest_m;
   if (squared_offset_m2 > radius_m * radius_m) return std::nullopt;
   const double half_chord_m = std::sqrt(radius_m * radius_m - squared_offset_m2);
   return std::pair(to_nearest_m - half_chord_m, to_nearest_m + half_chord_m);
@@ -376,7 +375,7 @@ std::optional<double> Judge::height_above_surface(const Vec3& point) const {
     for (const int c : {column, column - 1, column + 1})
       for (const bool north_east : {false, true}) {
         const Face face{r, c, north_east};
-        const auto x = cross(face, Vec3::Zero(), up);
+        const auto x = cross(face, Vec3::zero(), up);
         if (x && x->distance_m > 0) return (point.norm() - x->distance_m) * vertices(face)->normal().dot(up);
       }
   return std::nullopt;

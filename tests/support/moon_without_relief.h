@@ -39,7 +39,7 @@ class MoonWithoutRelief : public ::testing::Test {
 
 // Returns the distance along a unit direction to a sphere `sag_m` below that of the Moon; empty if the ray misses it.
 inline std::optional<double> meet_sphere(const Vec3& from, const Vec3& direction, double sag_m) {
-  const double radius = kMoonRadius_m - sag_m, b = from.dot(direction), c = from.squaredNorm() - radius * radius;
+  const double radius = kMoonRadius_m - sag_m, b = from.dot(direction), c = from.squared_norm() - radius * radius;
   const double discriminant = b * b - c;
   if (b >= 0 || discriminant < 0) return std::nullopt;
   return c / (-b + std::sqrt(discriminant));  // the smaller root without cancellation

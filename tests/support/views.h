@@ -1,13 +1,13 @@
 // Cameras, Suns and requests that many tests share.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
 #include <string_view>
 #include <vector>
 
+#include "dem/grid/rotation.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::test {
@@ -22,9 +22,8 @@ inline Vec3 local_sun(double lat_deg, double lon_deg, double azimuth_deg, double
 // Returns the pose of a camera at `from_m` that looks along `boresight`, with the image's up direction nearest to `up`.
 inline engine::Pose looking(const Vec3& from_m, const Vec3& boresight, const Vec3& up) {
   const Vec3 z = boresight.normalized(), x = z.cross(up).normalized();
-  Eigen::Matrix3d camera_from_moon;  // its rows are the camera's axes: x right, y down, z boresight
-  camera_from_moon << x.transpose(), z.cross(x).transpose(), z.transpose();
-  return {from_m, Eigen::Quaterniond(camera_from_moon).normalized()};
+  const auto camera_from_moon = Mat3::from_rows(x, z.cross(x), z);  // the camera's axes: x right, y down, z boresight
+  return {from_m, Quat(camera_from_moon).normalized()};
 }
 
 // Returns a square pinhole camera with the principal point in the middle; `fov_deg` is the full angle.

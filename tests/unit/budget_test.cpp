@@ -106,7 +106,7 @@ class Budget : public ::testing::Test {
     renderer_ =
         std::make_unique<Renderer>(test::open_terrain(folder_.path()), RendererOptions{2, std::size_t{256} << 20});
     request_ = small_frame();
-    request_.pose = test::looking(to_cartesian({10, 24, 60000}), -to_cartesian({10, 24, 1}), Vec3::UnitZ());
+    request_.pose = test::looking(to_cartesian({10, 24, 60000}), -to_cartesian({10, 24, 1}), Vec3::unit_z());
     request_.sun.direction = request_.pose.position_m.normalized();
     for (int i = 0; i < 30; ++i) renderer_->render(request_);  // how fast is it?
   }

@@ -13,22 +13,22 @@ namespace selenograph::engine {
 namespace {
 
 // Gennery (2006), eqs. (8) to (14), with the entrance pupil in C: projects a direction without planes or rotations.
-Eigen::Vector2d published(const Cahvor& c, const Vec3& p) {
+Vec2 published(const Cahvor& c, const Vec3& p) {
   const double zeta = p.dot(c.o);
   const Vec3 lambda = p - zeta * c.o;
   const double theta = std::atan2(lambda.norm(), zeta), angle = c.linearity * theta;
-  if (theta == 0) return Eigen::Vector2d(c.h.dot(p), c.v.dot(p)) / c.a.dot(p);
+  if (theta == 0) return Vec2(c.h.dot(p), c.v.dot(p)) / c.a.dot(p);
   const double chi = c.linearity > 0   ? std::tan(angle) / c.linearity
                      : c.linearity < 0 ? std::sin(angle) / c.linearity
                                        : theta;
   const double mu = c.r[0] + c.r[1] * chi * chi + c.r[2] * std::pow(chi, 4);
   const Vec3 moved = lambda.norm() / chi * c.o + (1 + mu) * lambda;
-  return Eigen::Vector2d(c.h.dot(moved), c.v.dot(moved)) / c.a.dot(moved);
+  return Vec2(c.h.dot(moved), c.v.dot(moved)) / c.a.dot(moved);
 }
 
 Vec3 turned(const Vec3& v, double about_x_deg, double about_y_deg) {
-  return Eigen::AngleAxisd(about_y_deg * kRadiansPerDegree, Vec3::UnitY()) *
-         Eigen::AngleAxisd(about_x_deg * kRadiansPerDegree, Vec3::UnitX()) * v;
+  return AngleAxis(about_y_deg * kRadiansPerDegree, Vec3::unit_y()) *
+         AngleAxis(about_x_deg * kRadiansPerDegree, Vec3::unit_x()) * v;
 }
 
 Camera camera_of(const Cahvor& cahvor) {
@@ -40,8 +40,8 @@ Camera camera_of(const Cahvor& cahvor) {
 // A narrow lens, a wide one with all that can be off its axes, and CAHVORE's kinds.
 std::vector<Camera> vector_cameras() {
   std::vector<Camera> all;
-  const Vec3 a = turned(Vec3::UnitZ(), 1.5, -2), o = turned(Vec3::UnitZ(), -0.7, 1.1);
-  const Vec3 across = turned(Vec3::UnitX(), 1.5, -2), down = turned(Vec3(0.002, 1, 0), 1.5, -2);
+  const Vec3 a = turned(Vec3::unit_z(), 1.5, -2), o = turned(Vec3::unit_z(), -0.7, 1.1);
+  const Vec3 across = turned(Vec3::unit_x(), 1.5, -2), down = turned(Vec3(0.002, 1, 0), 1.5, -2);
   for (const double linearity : {1.0, 0.6, 0.0, -0.5, -1.0}) {
     const double f = linearity == 1 ? 400 : linearity < 0 ? 280 : 200;
     all.push_back(camera_of({a, f * across + 161 * a, 1.01 * f * down + 125 * a, o, {0.002, -0.05, 0.01}, linearity}));
@@ -57,7 +57,7 @@ TEST(CahvorTest, ProjectsAsPublished) {
         const Vec3 point(x, y, 1);
         const auto pixel = projection.image(12 * point);
         ASSERT_TRUE(pixel);
-        const Eigen::Vector2d expected = published(*camera.cahvor, point);
+        const Vec2 expected = published(*camera.cahvor, point);
         EXPECT_NEAR(pixel->x, expected.x(), 1e-9) << camera.cahvor->linearity;
         EXPECT_NEAR(pixel->y, expected.y(), 1e-9) << camera.cahvor->linearity;
       }
@@ -71,7 +71,7 @@ TEST(CahvorTest, DirectionsInvertPixelsUpToTheBorders) {
       for (double y = -0.5; y <= camera.height - 0.5; y += 25.5) {
         const auto direction = projection.direction(x, y);
         ASSERT_TRUE(direction) << camera.cahvor->linearity << ": " << x << ' ' << y;
-        const Eigen::Vector2d back = published(*camera.cahvor, *direction);
+        const Vec2 back = published(*camera.cahvor, *direction);
         EXPECT_NEAR(back.x(), x, 1e-8);
         EXPECT_NEAR(back.y(), y, 1e-8);
       }
@@ -82,7 +82,7 @@ TEST(CahvorTest, JacobianIsTheDerivative) {
   for (const Camera& camera : vector_cameras()) {
     const Lens lens(camera);
     const double h = 1e-6;
-    const Eigen::Matrix2d j = lens.jacobian(0.3, -0.2);
+    const Mat2 j = lens.jacobian(0.3, -0.2);
     EXPECT_LT((j.col(0) - (lens.distorted(0.3 + h, -0.2) - lens.distorted(0.3 - h, -0.2)) / (2 * h)).norm(), 1e-9);
     EXPECT_LT((j.col(1) - (lens.distorted(0.3, -0.2 + h) - lens.distorted(0.3, -0.2 - h)) / (2 * h)).norm(), 1e-9);
   }
@@ -91,7 +91,7 @@ TEST(CahvorTest, JacobianIsTheDerivative) {
 // With A = O the image is symmetric about the principal point.
 TEST(CahvorTest, IsRadiallySymmetricIfTheOpticalAxisIsSquareToTheSensor) {
   for (const double linearity : {1.0, 0.3, 0.0, -1.0}) {
-    const Cahvor c{Vec3::UnitZ(), {200, 0, 159.5}, {0, 200, 127.5}, Vec3::UnitZ(), {0.01, -0.03, 0.002}, linearity};
+    const Cahvor c{Vec3::unit_z(), {200, 0, 159.5}, {0, 200, 127.5}, Vec3::unit_z(), {0.01, -0.03, 0.002}, linearity};
     const Projection projection(camera_of(c));
     const auto along = projection.image({0.5, 0, 1});
     for (double angle = 0.3; angle < 6.3; angle += 0.5) {
@@ -104,7 +104,7 @@ TEST(CahvorTest, IsRadiallySymmetricIfTheOpticalAxisIsSquareToTheSensor) {
 
 // Three closed forms of CAHVORE without distortion: the radius is f theta, f sin theta, f tan theta.
 TEST(CahvorTest, FisheyesInClosedForm) {
-  Cahvor c{Vec3::UnitZ(), {100, 0, 159.5}, {0, 100, 127.5}};
+  Cahvor c{Vec3::unit_z(), {100, 0, 159.5}, {0, 100, 127.5}};
   for (double theta_deg = 1; theta_deg < 89; theta_deg += 4) {
     const double theta = theta_deg * kRadiansPerDegree;
     const Vec3 direction(0.6 * std::sin(theta), 0.8 * std::sin(theta), std::cos(theta));
@@ -121,7 +121,7 @@ TEST(CahvorTest, FisheyesInClosedForm) {
 
 // chi (1 + r1 chi^2) turns where 1 + 3 r1 chi^2 = 0, for a fisheye at theta = chi.
 TEST(CahvorTest, EndsWhereTheRadiusTurns) {
-  const Cahvor c{Vec3::UnitZ(), {100, 0, 159.5}, {0, 100, 127.5}, Vec3::UnitZ(), {0, -0.2, 0}, 0};
+  const Cahvor c{Vec3::unit_z(), {100, 0, 159.5}, {0, 100, 127.5}, Vec3::unit_z(), {0, -0.2, 0}, 0};
   const Projection projection(camera_of(c));
   const double fold = 1 / std::sqrt(0.6);
   const auto toward = [](double theta) { return Vec3(std::sin(theta), 0, std::cos(theta)); };
@@ -134,7 +134,7 @@ TEST(CahvorTest, EndsWhereTheRadiusTurns) {
 
 // The same picture by another lens: CAHVOR with A = O along the boresight is Brown's polynomial k1, k2.
 TEST(CahvorTest, IsBrownsPolynomialOnTheAxis) {
-  const Cahvor c{Vec3::UnitZ(), {300, 0, 160}, {0, 310, 120}, Vec3::UnitZ(), {0, -0.2, 0.03}};
+  const Cahvor c{Vec3::unit_z(), {300, 0, 160}, {0, 310, 120}, Vec3::unit_z(), {0, -0.2, 0.03}};
   Camera brown{320, 256, 300, 310, 160, 120, {-0.2, 0.03}};
   const Projection vectors(camera_of(c)), polynomial(brown);
   for (double x = -0.5; x <= 320; x += 40)
@@ -150,12 +150,12 @@ TEST(CahvorTest, BoundsTheScaleOfTheImage) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> any(0, 1);
   for (const Camera& camera : vector_cameras()) {
-    const View view(camera, {{2e6, 0, 0}, Eigen::Quaterniond::Identity()});
+    const View view(camera, {{2e6, 0, 0}, Quat::identity()});
     double largest = 0;
     for (int i = 0; i < 4000; ++i) {
       const auto ray = view.ray(-0.5 + camera.width * any(random), -0.5 + camera.height * any(random));
       ASSERT_TRUE(ray);
-      const Vec3 d = ray->normalized(), across = d.unitOrthogonal();
+      const Vec3 d = ray->normalized(), across = d.unit_orthogonal();
       const double angle = 7 * any(random), h = 1e-6;
       const Vec3 step = h * (std::cos(angle) * across + std::sin(angle) * d.cross(across));
       const auto from = view.projection().image(d), to = view.projection().image(d + step);

@@ -57,7 +57,7 @@ TEST(CraterBrightness, YoungCratersAreBrightAndFade) {
   const CraterBrightness brightness(field, 1);
   double darkest = 1, brightest = 0;
   for (std::uint64_t id = 1; id < 2000; ++id) {
-    Crater crater{Vec3::UnitX(), 40, 5, 0, 0, 0, id * 0x9E3779B97F4A7C15U, {}};  // without height, hence walls
+    Crater crater{Vec3::unit_x(), 40, 5, 0, 0, 0, id * 0x9E3779B97F4A7C15U, {}};  // without height, hence walls
     const double fresh = brightness.at_rim(crater);
     darkest = std::min(darkest, fresh);
     brightest = std::max(brightest, fresh);
@@ -79,7 +79,7 @@ TEST(CraterBrightness, SteepWallsAreBright) {
   const CraterBrightness brightness(field, 1);
   const auto at_rim = [&](double depth_over_diameter, double age) {
     const double scale = 200 * depth_over_diameter / CraterShape::kFreshDepth;
-    return brightness.at_rim({Vec3::UnitX(), 200, 0, 3000, age, scale, 7, {}});
+    return brightness.at_rim({Vec3::unit_x(), 200, 0, 3000, age, scale, 7, {}});
   };
   EXPECT_NEAR(at_rim(0.27, 0), 0.15, 0.02);  // the rim is the middle of the wall's upper edge
   EXPECT_EQ(at_rim(0.27, 0.1), 0);

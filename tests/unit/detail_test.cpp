@@ -735,14 +735,14 @@ TEST(Region, DistancesAreThoseOnTheSphere) {
   EXPECT_FALSE(octant.holds(place(-45, -135)));  // opposite
   // A pole, the date line, and a corner that points inward.
   const Region pole({{88, 0, 0}, {88, 90, 0}, {88, 180, 0}, {88, -90, 0}});
-  EXPECT_TRUE(pole.holds(place(89, 123)) && pole.holds(Vec3::UnitZ()) && !pole.holds(place(87.9, 45)));
+  EXPECT_TRUE(pole.holds(place(89, 123)) && pole.holds(Vec3::unit_z()) && !pole.holds(place(87.9, 45)));
   const double half_way = std::atan(std::tan(2 * kRadiansPerDegree) * std::sqrt(0.5));
-  EXPECT_NEAR(pole.inside_m(Vec3::UnitZ()), kMoonRadius_m * half_way, 1e-3);
+  EXPECT_NEAR(pole.inside_m(Vec3::unit_z()), kMoonRadius_m * half_way, 1e-3);
   const Region dateline({{-1, 179, 0}, {-1, -179, 0}, {0, 179.9, 0}, {1, -179, 0}, {1, 179, 0}});
   EXPECT_TRUE(dateline.holds(place(0, 179.5)) && dateline.holds(place(-0.8, -179.5)));
   EXPECT_FALSE(dateline.holds(place(0, -179.5)));
-  EXPECT_TRUE(Region().holds(Vec3::UnitX()));
-  EXPECT_EQ(Region().share(Vec3::UnitX(), 100), 1);
+  EXPECT_TRUE(Region().holds(Vec3::unit_x()));
+  EXPECT_EQ(Region().share(Vec3::unit_x(), 100), 1);
   EXPECT_EQ(octant.share(place(-1, 45), 100), 0);
   EXPECT_EQ(octant.share(place(1, 45), 100), 1);
   for (const auto& corners :

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -65,7 +64,7 @@ TEST(DiscLight, AFacetAloneReceivesTheClosedForm) {
   double worst_share = 0, worst_cosine = 0;
   for (const double u : {0.0, 0.6, 1.0})
     for (int i = 0; i < 60; ++i) {
-      const DiscLight disc(sun(u), Vec3::UnitZ());
+      const DiscLight disc(sun(u), Vec3::unit_z());
       const double r = disc.radius(), turn = std::numbers::pi * any(random);
       const DiscPlane facet{1.3 * r * any(random), r * std::cos(turn), r * std::sin(turn)};
       DiscPlane shading = facet;
@@ -86,7 +85,7 @@ TEST(DiscLight, AFacetAloneReceivesTheClosedForm) {
 
 // Level ground: Sun's centre at 0 degrees, (2 / 3 pi) of the radius.
 TEST(DiscLight, LevelGroundAtSunset) {
-  const DiscLight disc(sun(0), Vec3::UnitZ());
+  const DiscLight disc(sun(0), Vec3::unit_z());
   const double r = disc.radius();
   const DiscPlane level{0, 0, r};
   EXPECT_NEAR(disc.unoccluded(level, level).share, 0.5, 1e-12);
@@ -98,7 +97,7 @@ TEST(DiscLight, LevelGroundAtSunset) {
 // A horizon that is straight in the sky, at every height and up to 45 degrees steep.
 TEST(DiscLight, StraightHorizonsLeaveWhatIsAboveThem) {
   for (const double u : {0.0, 0.6}) {
-    const DiscLight disc(sun(u), Vec3::UnitZ());
+    const DiscLight disc(sun(u), Vec3::unit_z());
     const double r = disc.radius();
     const DiscPlane high{0.3, 0.1 * r, r};
     double sum = 0, worst = 0, worst_cosine = 0;
@@ -139,7 +138,7 @@ TEST(DiscLight, StraightHorizonsLeaveWhatIsAboveThem) {
 
 // The facet and the terrain before it both hide a part: light is left only above both.
 TEST(DiscLight, AGrazedFacetUnderAHorizon) {
-  const DiscLight disc(sun(0), Vec3::UnitZ());
+  const DiscLight disc(sun(0), Vec3::unit_z());
   const double r = disc.radius();
   const DiscPlane facet{0.2 * r, 0.3 * r, 0.9 * r};
   DiscLanes turned{};
@@ -161,7 +160,7 @@ TEST(DiscLight, AGrazedFacetUnderAHorizon) {
 
 TEST(DiscLight, DirectionsHaveEqualLight) {
   for (const double u : {0.0, 0.6}) {
-    const DiscLight disc(sun(u), Vec3::UnitZ());
+    const DiscLight disc(sun(u), Vec3::unit_z());
     std::array<double, DiscLight::kDirections> within{};
     for (std::size_t k = 0; k < within.size(); ++k) {
       const auto [x, y] = disc.disc_points()[k];
@@ -179,7 +178,7 @@ TEST(DiscLight, DirectionsHaveEqualLight) {
 
 // Whatever stands there, rays are asked: a straight edge at every height and angle, upright ones included.
 TEST(DiscLight, DirectionsPastAStraightEdge) {
-  const DiscLight disc(sun(0), Vec3::UnitZ());
+  const DiscLight disc(sun(0), Vec3::unit_z());
   double sum = 0, worst = 0;
   int n = 0, asked = 0;
   for (double turn = 0; turn < 2 * std::numbers::pi; turn += 0.21)
@@ -212,7 +211,7 @@ TEST(DiscLight, DirectionsPastAStraightEdge) {
 }
 
 TEST(DiscLight, UnobstructedSunNeedsOnlyScoutRays) {
-  const DiscLight disc(sun(0), Vec3::UnitZ());
+  const DiscLight disc(sun(0), Vec3::unit_z());
   DiscLanes turned{};
   float lit[kPacket];
   double incident[kPacket];
@@ -230,7 +229,7 @@ TEST(DiscLight, UnobstructedSunNeedsOnlyScoutRays) {
 
 // The facet faces the disc, the interpolated normal a sliver of it between the places: half of the disc is free.
 TEST(DiscLight, OfASliverHalfIsLeft) {
-  const DiscLight disc(sun(0), Vec3::UnitZ());
+  const DiscLight disc(sun(0), Vec3::unit_z());
   DiscLanes turned{};
   float lit[kPacket] = {1};
   double incident[kPacket] = {1e-6};

@@ -3,10 +3,11 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 #include <random>
+
+#include "engine/support/turn.h"
 
 namespace selenograph::engine {
 namespace {
@@ -20,26 +21,24 @@ class EllipsoidImagesTest : public ::testing::Test {
     while (v.norm() > 1 || v.norm() < 0.1);
     return v.normalized();
   }
-  static Ellipsoid ball(const Vec3& centre_m, double radius_m) {
-    return {centre_m, radius_m * Eigen::Matrix3d::Identity()};
-  }
+  static Ellipsoid ball(const Vec3& centre_m, double radius_m) { return {centre_m, radius_m * Mat3::identity()}; }
   // Within so many metres of kPlace; up to five times as long as they are wide.
   std::vector<Ellipsoid> ellipsoids(int count, double wide_m, double largest_m) {
     std::vector<Ellipsoid> all;
     for (int i = 0; i < count; ++i) {
-      const Eigen::Matrix3d turned = Eigen::Quaterniond::FromTwoVectors(any_direction(), any_direction()).matrix();
+      const Mat3 turned = shortest_turn(any_direction(), any_direction()).matrix();
       const Vec3 lengths(any(0.2, 1), any(0.2, 1), any(0.2, 1));
       all.push_back({kPlace + Vec3(any(-wide_m, wide_m), any(-wide_m, wide_m), any(-wide_m, wide_m)),
-                     largest_m * any(0.05, 1) * turned * lengths.asDiagonal()});
+                     largest_m * any(0.05, 1) * (turned * Mat3::diagonal(lengths))});
     }
     return all;
   }
   Vec3 near(const Ellipsoid& e) { return e.centre_m + 1.5 * (e.axes_m * Vec3(any(-1, 1), any(-1, 1), any(-1, 1))); }
   // In coordinates in which it is the unit ball.
   static bool meets(const Vec3& origin, const Vec3& direction, const Ellipsoid& e) {
-    const Eigen::Matrix3d to_ball = e.axes_m.inverse();
+    const Mat3 to_ball = e.axes_m.inverse();
     const Vec3 from = to_ball * (origin - e.centre_m), along = to_ball * direction;
-    const double a = along.squaredNorm(), b = from.dot(along), root2 = b * b - a * (from.squaredNorm() - 1);
+    const double a = along.squared_norm(), b = from.dot(along), root2 = b * b - a * (from.squared_norm() - 1);
     return root2 > 0 && -b + std::sqrt(root2) > 0;
   }
 
@@ -110,7 +109,7 @@ TEST_F(EllipsoidImagesTest, RaysFromBeyondMeetNothing) {
 TEST_F(EllipsoidImagesTest, RaysFromOnePlace) {
   for (const int count : {1, 30, 2000}) {
     // They are around the camera, beside it and behind it, too; every second one, or the only one, is in front.
-    const Eigen::Matrix3d axes = Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), any_direction()).toRotationMatrix();
+    const Mat3 axes = shortest_turn(Vec3::unit_z(), any_direction()).matrix();
     std::vector<Ellipsoid> all = ellipsoids(count, 150, 10 / std::sqrt(count));
     for (std::size_t i = count == 1 ? 0 : 1; i < all.size(); i += 2)
       all[i].centre_m = kPlace + axes * (any(20, 150) * Vec3(any(-0.3, 0.3), any(-0.3, 0.3), 1));
@@ -140,7 +139,7 @@ TEST_F(EllipsoidImagesTest, RaysFromOnePlace) {
 }
 
 TEST_F(EllipsoidImagesTest, APlaceWithinAnEllipsoidMeetsItAlways) {
-  const Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
+  const Mat3 axes = Mat3::identity();
   const std::vector<Ellipsoid> all{ball(kPlace, 1), ball(kPlace + Vec3(0, 0, 100), 0.1)};
   const EllipsoidImages images = EllipsoidImages::from(kPlace, axes, 0.7, all);
   Lanes lanes;
@@ -150,7 +149,7 @@ TEST_F(EllipsoidImagesTest, APlaceWithinAnEllipsoidMeetsItAlways) {
 
 TEST_F(EllipsoidImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
   const std::vector<Ellipsoid> all{ball(kPlace + Vec3(0, 0, 100), 1)};
-  const EllipsoidImages images = EllipsoidImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, all);
+  const EllipsoidImages images = EllipsoidImages::from(kPlace, Mat3::identity(), 0.7, all);
   Lanes lanes;
   for (int i = 0; i < kPacket; ++i) lanes.set(i, Vec3(0, 0, 1));
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -158,7 +157,7 @@ TEST_F(EllipsoidImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
   EXPECT_EQ(images.may_hit(lanes.x, lanes.y, lanes.z, 0x00f0U), 0x00f0U);
   EXPECT_EQ(images.may_hit(lanes.x, lanes.y, lanes.z, 0x0008U), 0U);
   const std::vector<Ellipsoid> behind{ball(kPlace - Vec3(0, 0, 100), 1)};
-  const EllipsoidImages none = EllipsoidImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, behind);
+  const EllipsoidImages none = EllipsoidImages::from(kPlace, Mat3::identity(), 0.7, behind);
   EXPECT_EQ(none.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes), 0U);
 }
 

@@ -165,9 +165,10 @@ TEST(Arrays, AHalfIsRoundedOnce) {
   frame.products.depth = {2049 - 1e-6, 2049, 2049 + 1e-6, 2051 - 1e-6, 2051, kNan};
   Narrowed narrowed;
   ASSERT_EQ(arrays_of(frame, request, engine::kDepth, narrowed).size(), 1u);
-  const double rounded[] = {2048, 2048, 2050, 2050, 2052};
-  for (std::size_t i = 0; i < 5; ++i) EXPECT_EQ(static_cast<double>(narrowed.half_depth[i]), rounded[i]) << i;
-  EXPECT_TRUE(std::isnan(static_cast<double>(narrowed.half_depth[5])));
+  const std::uint16_t rounded[] = {0x6800, 0x6800, 0x6801, 0x6801, 0x6802};  // 2048, 2050 and 2052
+  for (std::size_t i = 0; i < 5; ++i) EXPECT_EQ(narrowed.half_depth[i].bits, rounded[i]) << i;
+  EXPECT_EQ(narrowed.half_depth[5].bits & 0x7c00, 0x7c00);
+  EXPECT_NE(narrowed.half_depth[5].bits & 0x03ff, 0) << "not a NaN";
 }
 
 TEST(Arrays, MissingProductThrows) {

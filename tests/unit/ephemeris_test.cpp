@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -198,23 +197,22 @@ TEST(MoonMeFrom, PutsTheRetroreflectorsWhereLroSeesThem) {
 
 TEST(MoonMeFrom, IsARotationThatMovesTheSurfaceBy860Metres) {
   for (const BodyFrame frame : {BodyFrame::moon_pa_de421, BodyFrame::moon_pa_de440}) {
-    const Eigen::Matrix3d m = moon_me_from(frame);
-    EXPECT_TRUE((m * m.transpose()).isIdentity(1e-15));
+    const Mat3 m = moon_me_from(frame);
+    EXPECT_LE((m * m.transpose() - Mat3::identity()).max_abs(), 1e-15);
     EXPECT_NEAR(m.determinant(), 1.0, 1e-15);
     // Largest anywhere: the whole angle, sqrt(67.92^2 + 78.56^2 + 0.30^2) arcsec = 103.85 arcsec.
-    EXPECT_NEAR(Eigen::AngleAxisd(m).angle() * kMoonRadius_m, 875.0, 2.0);
+    EXPECT_NEAR(AngleAxis(m).angle_rad * kMoonRadius_m, 875.0, 2.0);
     // Longitude at the prime meridian's equator point: 67.9 arcsec eastwards.
     EXPECT_NEAR((m * Vec3(kMoonRadius_m, 0, 0)).y(), 572.0, 1.0);
     // +X leans south by 78.6 arcsec: mean Earth stands north of the long axis.
     EXPECT_NEAR((m * Vec3(kMoonRadius_m, 0, 0)).z(), -662.0, 1.0);
   }
-  EXPECT_EQ(moon_me_from(BodyFrame::moon_me), Eigen::Matrix3d::Identity());
+  EXPECT_EQ(moon_me_from(BodyFrame::moon_me), Mat3::identity());
 }
 
 TEST(MoonMeFrom, Realisations421And440AgreeWithinTwoMetres) {
-  const Eigen::Matrix3d apart =
-      moon_me_from(BodyFrame::moon_pa_de421) * moon_me_from(BodyFrame::moon_pa_de440).transpose();
-  const double apart_m = Eigen::AngleAxisd(apart).angle() * kMoonRadius_m;
+  const Mat3 apart = moon_me_from(BodyFrame::moon_pa_de421) * moon_me_from(BodyFrame::moon_pa_de440).transpose();
+  const double apart_m = AngleAxis(apart).angle_rad * kMoonRadius_m;
   EXPECT_GT(apart_m, 0.5);
   EXPECT_LT(apart_m, 2.0);
 }

@@ -81,7 +81,7 @@ TEST(GeometricErrors, AreThePointsDistancesFromTheTerrain) {
   const test::TemporaryFolder folder;
   test::write_float_tile(folder.path(), "t", {12, 22, 16, 33, 33}, [](double, double) { return 100.0; });
   const auto terrain = test::open_terrain(folder.path());
-  const Pose pose = test::looking(to_cartesian({11, 23, 20000}), -to_cartesian({11, 23, 1}), Vec3::UnitZ());
+  const Pose pose = test::looking(to_cartesian({11, 23, 20000}), -to_cartesian({11, 23, 1}), Vec3::unit_z());
   const View view(test::square_camera(101, 40), pose);
   std::vector<double> points;
   for (const double height : {100.0, 103.0, 100.5}) {

@@ -9,6 +9,7 @@
 
 #include "engine/camera/pixel_rays.h"
 #include "engine/camera/view.h"
+#include "tests/support/vec_text.h"
 
 namespace selenograph::engine {
 namespace {
@@ -21,7 +22,7 @@ Camera fisheye_camera(int width, int height, double focal_px, const FisheyeDisto
 
 // Where a direction in camera axes is imaged by a camera at the origin whose axes are MOON_ME's.
 std::optional<PixelXY> imaged(const Camera& camera, const Vec3& direction) {
-  return View(camera, {Vec3::Zero(), Eigen::Quaterniond::Identity()}).project(1000 * direction);
+  return View(camera, {Vec3::zero(), Quat::identity()}).project(1000 * direction);
 }
 
 TEST(Fisheye, EquidistantImagesAnglesAsRadii) {
@@ -75,7 +76,7 @@ TEST(Fisheye, PixelsComeBackToThemselves) {
     const FisheyeDistortion d{0.1 * normal(random), 0.03 * normal(random), 0.01 * normal(random),
                               0.003 * normal(random)};
     const Camera camera = fisheye_camera(120, 90, 22, k == 0 ? FisheyeDistortion{} : d);
-    const View view(camera, {Vec3(2e6, -1e5, 3e4), Eigen::Quaterniond(0.5, -0.1, 0.7, 0.2).normalized()});
+    const View view(camera, {Vec3(2e6, -1e5, 3e4), Quat(0.5, -0.1, 0.7, 0.2).normalized()});
     const Fisheye& fisheye = *view.projection().fisheye();
     const PixelRays rays(camera, 0.25, -0.25);
     for (int y = 0; y < camera.height; y += 3)
@@ -125,7 +126,7 @@ TEST(Fisheye, BallsInView) {
   std::mt19937_64 random(7);
   std::normal_distribution<double> normal;
   const Camera camera = fisheye_camera(80, 80, 18);  // to 127 degrees at the middles of its sides, 178 in its corners
-  const View view(camera, {Vec3::Zero(), Eigen::Quaterniond::Identity()});
+  const View view(camera, {Vec3::zero(), Quat::identity()});
   std::size_t inside = 0;
   for (int k = 0; k < 20000; ++k) {
     const Vec3 centre = 100 * Vec3(normal(random), normal(random), normal(random));
@@ -134,10 +135,10 @@ TEST(Fisheye, BallsInView) {
     const auto p = view.project(within);
     const bool in_image = p && p->x >= -0.5 && p->x < 79.5 && p->y >= -0.5 && p->y < 79.5;
     inside += in_image ? 1 : 0;
-    ASSERT_TRUE(!in_image || view.may_see(centre, radius)) << centre.transpose() << " " << radius;
+    ASSERT_TRUE(!in_image || view.may_see(centre, radius)) << centre << " " << radius;
   }
   EXPECT_GT(inside, 5000U);
-  const View narrow(fisheye_camera(80, 80, 100), {Vec3::Zero(), Eigen::Quaterniond::Identity()});
+  const View narrow(fisheye_camera(80, 80, 100), {Vec3::zero(), Quat::identity()});
   EXPECT_FALSE(narrow.may_see(Vec3(100, 0, 0), 1));
   EXPECT_FALSE(narrow.may_see(Vec3(0, 0, -100), 1));
 }
@@ -146,7 +147,7 @@ TEST(Fisheye, BallsInView) {
 TEST(Fisheye, PixelsPerMetreIsABound) {
   std::mt19937_64 random(8);
   std::normal_distribution<double> normal;
-  const View view(fisheye_camera(80, 80, 18, {-0.02, 0.004, 0, 0}), {Vec3::Zero(), Eigen::Quaterniond::Identity()});
+  const View view(fisheye_camera(80, 80, 18, {-0.02, 0.004, 0, 0}), {Vec3::zero(), Quat::identity()});
   for (int k = 0; k < 20000; ++k) {
     const Vec3 centre = 1000 * Vec3(normal(random), normal(random), normal(random)),
                off(normal(random), normal(random), normal(random));

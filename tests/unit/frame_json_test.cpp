@@ -9,6 +9,7 @@
 #include "api/answers/points_answer.h"
 #include "api/requests/points_json.h"
 #include "tests/support/meshes.h"
+#include "tests/support/vec_text.h"
 
 namespace selenograph::api {
 namespace {
@@ -49,16 +50,16 @@ std::string refused(const std::string& patch, std::string* details = nullptr) {
 }
 
 // Where a MOON_ME point falls in the image: the pinhole equation, written down independently of the engine.
-Eigen::Vector2d pixel_of(const engine::FrameRequest& request, const Vec3& point_m) {
+Vec2 pixel_of(const engine::FrameRequest& request, const Vec3& point_m) {
   const Vec3 p = request.pose.camera_from_moon * (point_m - request.pose.position_m);
   EXPECT_GT(p.z(), 0);
   const engine::Camera& c = request.camera;
   return {c.fx * p.x() / p.z() + c.cx, c.fy * p.y() / p.z() + c.cy};
 }
 
-void expect_same_attitude(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
-  EXPECT_LT(a.angularDistance(b), 1e-7);
-  EXPECT_LT((a.toRotationMatrix() - b.toRotationMatrix()).norm(), 1e-14);
+void expect_same_attitude(const Quat& a, const Quat& b) {
+  EXPECT_LT(a.angle_to(b), 1e-7);
+  EXPECT_LT((a.matrix() - b.matrix()).norm(), 1e-14);
 }
 
 TEST(CameraJson, FieldOfViewIsTheHorizontalFullAngle) {
@@ -225,7 +226,7 @@ TEST(PoseJson, NadirWithAzimuthZeroHasNorthUpAndEastRight) {
 
 TEST(PoseJson, NadirUpAzimuthIsClockwiseFromNorth) {
   const auto request = accepted(R"({"pose": {"nadir": {"up_azimuth_deg": 90}}})");
-  const Eigen::Vector2d east = pixel_of(request, to_cartesian({26, 3.01, 0}));
+  const Vec2 east = pixel_of(request, to_cartesian({26, 3.01, 0}));
   EXPECT_LT(east.y(), 250);  // east is up
   EXPECT_NEAR(east.x(), 511.5, 0.1);
 }
@@ -238,16 +239,14 @@ TEST(PoseJson, TiltLeavesTheNadirTowardAnAzimuth) {
       const EastNorthUp local = local_axes(26, 3);
       const double azimuth = azimuth_deg * kRadiansPerDegree, tilt = tilt_deg * kRadiansPerDegree;
       const Vec3 level = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
-      const Eigen::Matrix3d camera_from_moon = request.pose.camera_from_moon.toRotationMatrix();
+      const Mat3 camera_from_moon = request.pose.camera_from_moon.matrix();
       // Boresight and image's up direction, both in the vertical plane of the azimuth.
-      EXPECT_LT((camera_from_moon.row(2).transpose() - (std::sin(tilt) * level - std::cos(tilt) * local.up)).norm(),
-                1e-12);
-      EXPECT_LT((-camera_from_moon.row(1).transpose() - (std::cos(tilt) * level + std::sin(tilt) * local.up)).norm(),
-                1e-12);
+      EXPECT_LT((camera_from_moon.row(2) - (std::sin(tilt) * level - std::cos(tilt) * local.up)).norm(), 1e-12);
+      EXPECT_LT((-camera_from_moon.row(1) - (std::cos(tilt) * level + std::sin(tilt) * local.up)).norm(), 1e-12);
     }
   // Tilted sideways, the image's up direction stays level.
   const auto sideways = accepted(R"({"pose": {"nadir": {"up_azimuth_deg": 0, "azimuth_deg": 90, "tilt_deg": 50}}})");
-  const Vec3 up = -sideways.pose.camera_from_moon.toRotationMatrix().row(1).transpose();
+  const Vec3 up = -sideways.pose.camera_from_moon.matrix().row(1);
   EXPECT_LT((up - local_axes(26, 3).north).norm(), 1e-12);
   EXPECT_EQ(refused(R"({"pose": {"nadir": {"azimuth_deg": 90}}})"), "/pose/nadir/tilt_deg");
   EXPECT_EQ(refused(R"({"pose": {"nadir": {"tilt_deg": 181}}})"), "/pose/nadir/tilt_deg");
@@ -285,7 +284,7 @@ TEST(PoseJson, HeightsAboveTheGroundAreAddedToIt) {
 TEST(PoseJson, LookAtPutsItsTargetAtThePrincipalPoint) {
   const auto request = accepted(R"({"camera": {"fov_deg": null, "fx": 900, "cx": 400, "cy": 100},
     "pose": {"nadir": null, "look_at": {"lat_deg": 26.3, "lon_deg": 3.5, "height_m": -1900}}})");
-  const Eigen::Vector2d target = pixel_of(request, to_cartesian({26.3, 3.5, -1900}));
+  const Vec2 target = pixel_of(request, to_cartesian({26.3, 3.5, -1900}));
   EXPECT_NEAR(target.x(), 400, 1e-6);
   EXPECT_NEAR(target.y(), 100, 1e-6);
   EXPECT_LT(pixel_of(request, to_cartesian({26.35, 3.5, -1900})).y(), 100);  // north of it is above it
@@ -313,10 +312,10 @@ TEST(PoseJson, AtAPoleNorthIsAlongTheLongitudeThatIsGiven) {
       };
       const std::string pole = std::to_string(lat_deg), beside = lat_deg > 0 ? "89.999999" : "-89.999999";
       const std::string nadir = R"("nadir": {"up_azimuth_deg": 0})";
-      const Eigen::Quaterniond down = above(pole, nadir);
-      EXPECT_LT(down.angularDistance(above(beside, nadir)), 2e-8);
+      const Quat down = above(pole, nadir);
+      EXPECT_LT(down.angle_to(above(beside, nadir)), 2e-8);
       // The image's up (-y) is north.
-      EXPECT_LT((down.conjugate() * -Vec3::UnitY() - local_axes(lat_deg, lon_deg).north).norm(), 1e-12);
+      EXPECT_LT((down.conjugate() * -Vec3::unit_y() - local_axes(lat_deg, lon_deg).north).norm(), 1e-12);
       expect_same_attitude(
           above(pole, fmt::format(R"("nadir": null, "look_at": {{"lat_deg": {}, "lon_deg": {}}})", lat_deg, lon_deg)),
           down);
@@ -327,9 +326,8 @@ TEST(PoseJson, LookAtUpVector) {
   // Above the equator at longitude 0, looking down -X with +Y (east) up.
   const auto request = accepted(R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0], "nadir": null,
                                     "look_at": {"lat_deg": 0, "lon_deg": 0, "up": [0, 1e300, 0]}}})");
-  Eigen::Matrix3d expected;
-  expected << 0, 0, -1, 0, -1, 0, -1, 0, 0;  // right is south, down is west
-  EXPECT_LT((request.pose.camera_from_moon.toRotationMatrix() - expected).norm(), 1e-14);
+  const auto expected = Mat3::from_rows({0, 0, -1}, {0, -1, 0}, {-1, 0, 0});  // right is south, down is west
+  EXPECT_LT((request.pose.camera_from_moon.matrix() - expected).norm(), 1e-14);
 }
 
 TEST(PoseJson, LookAtRefusals) {
@@ -347,12 +345,8 @@ TEST(PoseJson, LookAtRefusals) {
 
 TEST(PoseJson, QuaternionsAreNamedByTheirDirection) {
   // camera_from_moon of the contract's order of axes: +z of the camera is -X of the Moon, +y is -Z, +x is +Y.
-  Eigen::Matrix3d rotation;
-  rotation << 0, 1, 0, 0, 0, -1, -1, 0, 0;
-  const Eigen::Quaterniond q(rotation);
-  const auto text = [](const Eigen::Quaterniond& p) {
-    return Json{{"w", p.w()}, {"x", p.x()}, {"y", p.y()}, {"z", p.z()}}.dump();
-  };
+  const Quat q(Mat3::from_rows({0, 1, 0}, {0, 0, -1}, {-1, 0, 0}));
+  const auto text = [](const Quat& p) { return Json{{"w", p.w}, {"x", p.x}, {"y", p.y}, {"z", p.z}}.dump(); };
   const std::string start = R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0], "nadir": null, )";
   const auto given = accepted(start + "\"camera_from_moon\": " + text(q) + "}}").pose.camera_from_moon;
   const auto inverse = accepted(start + "\"moon_from_camera\": " + text(q.conjugate()) + "}}").pose.camera_from_moon;
@@ -361,20 +355,18 @@ TEST(PoseJson, QuaternionsAreNamedByTheirDirection) {
   expect_same_attitude(inverse, q);
   expect_same_attitude(nadir, q);
   // OpenGL's camera of the same view: x as before, y up (+Z of the Moon), z backwards (+X).
-  Eigen::Matrix3d opengl;
-  opengl << 0, 1, 0, 0, 0, 1, 1, 0, 0;
-  const Eigen::Quaterniond g(opengl);
+  const Quat g(Mat3::from_rows({0, 1, 0}, {0, 0, 1}, {1, 0, 0}));
   const std::string axes = R"(, "axes": "opengl"}})";
   expect_same_attitude(accepted(start + "\"camera_from_moon\": " + text(g) + axes).pose.camera_from_moon, q);
   expect_same_attitude(accepted(start + "\"moon_from_camera\": " + text(g.conjugate()) + axes).pose.camera_from_moon,
                        q);
   // A sign that means nothing changes nothing, to the bit.
-  const Eigen::Quaterniond opposite(-q.w(), -q.x(), -q.y(), -q.z());
-  EXPECT_EQ(accepted(start + "\"camera_from_moon\": " + text(opposite) + "}}").pose.camera_from_moon.coeffs(),
-            given.coeffs());
+  const Quat opposite(-q.w, -q.x, -q.y, -q.z);
+  EXPECT_EQ(accepted(start + "\"camera_from_moon\": " + text(opposite) + "}}").pose.camera_from_moon, given);
   const std::string zeros = R"("camera_from_moon": {"w": 0.0, "x": -0.0, "y": -1, "z": -0.0}}})";
   const auto without_sign = accepted(start + zeros).pose.camera_from_moon;
-  for (const double c : without_sign.coeffs()) EXPECT_FALSE(std::signbit(c)) << without_sign;
+  for (const double c : {without_sign.w, without_sign.x, without_sign.y, without_sign.z})
+    EXPECT_FALSE(std::signbit(c)) << without_sign;
 }
 
 TEST(PoseJson, ZenithUpLaysTheHorizonLevel) {
@@ -382,7 +374,7 @@ TEST(PoseJson, ZenithUpLaysTheHorizonLevel) {
   const auto request = accepted(R"({"pose": {"nadir": null,
                                     "look_at": {"lat_deg": 27, "lon_deg": 9, "up": "zenith"}}})");
   const Vec3 vertical = request.pose.position_m.normalized();
-  const Eigen::Matrix3d camera_from_moon = request.pose.camera_from_moon.toRotationMatrix();
+  const Mat3 camera_from_moon = request.pose.camera_from_moon.matrix();
   EXPECT_NEAR(camera_from_moon.row(0).dot(vertical), 0, 1e-15);
   EXPECT_LT(camera_from_moon.row(1).dot(vertical), -0.5);
   std::string details;
@@ -399,10 +391,9 @@ TEST(PoseJson, MatricesAreEquivalentToQuaternions) {
   };
   // Its rows are the camera's axes: right is +Y, down -Z, the boresight -X.
   const std::string rows = "[[0, 1, 0], [0, 0, -1], [-1, 0, 0]]", columns = "[[0, 0, -1], [1, 0, 0], [0, -1, 0]]";
-  Eigen::Matrix3d expected;
-  expected << 0, 1, 0, 0, 0, -1, -1, 0, 0;
+  const auto expected = Mat3::from_rows({0, 1, 0}, {0, 0, -1}, {-1, 0, 0});
   expect_same_attitude(accepted(start + R"("camera_from_moon_matrix": )" + rows + "}}").pose.camera_from_moon,
-                       Eigen::Quaterniond(expected));
+                       Quat(expected));
   same(R"("moon_from_camera_matrix": )" + columns, R"("camera_from_moon_matrix": )" + rows);
   same(R"("axes": "opengl", "camera_from_moon_matrix": [[0, 1, 0], [0, 0, 1], [1, 0, 0]])",
        R"("camera_from_moon_matrix": )" + rows);
@@ -433,12 +424,11 @@ TEST(PoseJson, MatrixRefusals) {
 // alike.
 TEST(PoseJson, InertialPosesTurnWithTheMoon) {
   const std::string utc = "2026-11-20T06:30:00Z";
-  const Eigen::Matrix3d moon_from_icrf = engine::moon_me_from_icrf(utc);
-  EXPECT_LT((moon_from_icrf * moon_from_icrf.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-14);
+  const Mat3 moon_from_icrf = engine::moon_me_from_icrf(utc);
+  EXPECT_LT((moon_from_icrf * moon_from_icrf.transpose() - Mat3::identity()).norm(), 1e-14);
   const Vec3 position = moon_from_icrf.transpose() * Vec3(1757400, 0, 0);
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << 0, 1, 0, 0, 0, -1, -1, 0, 0;
-  const Eigen::Matrix3d camera_from_icrf = camera_from_moon * moon_from_icrf;
+  const auto camera_from_moon = Mat3::from_rows({0, 1, 0}, {0, 0, -1}, {-1, 0, 0});
+  const Mat3 camera_from_icrf = camera_from_moon * moon_from_icrf;
   Json body = minimal();
   Json rows = Json::array();
   for (int r = 0; r < 3; ++r) rows.push_back({camera_from_icrf(r, 0), camera_from_icrf(r, 1), camera_from_icrf(r, 2)});
@@ -447,7 +437,7 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
   const auto read = [](const Json& of) { return read_frame(of, Limits{}); };
   const auto expect_there = [&](const engine::Pose& pose) {
     EXPECT_LT((pose.position_m - Vec3(1757400, 0, 0)).norm(), 1e-8);
-    expect_same_attitude(pose.camera_from_moon, Eigen::Quaterniond(camera_from_moon));
+    expect_same_attitude(pose.camera_from_moon, Quat(camera_from_moon));
   };
   EXPECT_THROW(read(body), RequestError);  // no epoch
   Json own = body;
@@ -464,8 +454,8 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
   suns["pose"]["utc"] = "2026-11-20T07:30:00Z";
   EXPECT_GT((read(suns).request.pose.position_m - Vec3(1757400, 0, 0)).norm(), 10e3);
   // The Moon turns by 13.2 degrees a day.
-  const Eigen::Matrix3d later = engine::moon_me_from_icrf("2026-11-21T06:30:00Z");
-  EXPECT_NEAR(Eigen::AngleAxisd(later * moon_from_icrf.transpose()).angle() / kRadians, 13.18, 0.1);
+  const Mat3 later = engine::moon_me_from_icrf("2026-11-21T06:30:00Z");
+  EXPECT_NEAR(AngleAxis(later * moon_from_icrf.transpose()).angle_rad / kRadians, 13.18, 0.1);
   EXPECT_EQ(refused(R"({"pose": {"utc": "2026-11-20T06:30:00Z"}})"), "/pose/utc");
   // The same instant as Ephemeris Time, but for the 2 ms in which TDB and TT differ: 9 mm of the Moon's turning.
   const double et_s = 848428269.184;
@@ -533,7 +523,7 @@ TEST(PoseJson, PrincipalAxesTurnAttitudeAndPositionAlike) {
   const auto me = accepted(R"({"pose": {"frame": "MOON_ME", )" + pose).pose;
   const auto pa = accepted(R"({"pose": {"frame": "MOON_PA_DE421", )" + pose).pose;
   EXPECT_LT((me.camera_from_moon * me.position_m - pa.camera_from_moon * pa.position_m).norm(), 1e-6);
-  EXPECT_GT(me.camera_from_moon.angularDistance(pa.camera_from_moon), 1e-4);
+  EXPECT_GT(me.camera_from_moon.angle_to(pa.camera_from_moon), 1e-4);
 }
 
 TEST(PoseJson, GeodeticIsRefusedInPrincipalAxes) {
@@ -565,7 +555,7 @@ TEST(SunJson, EveryWayGivesTheSameDirection) {
   EXPECT_LT(
       (direction(R"("local": {"lat_deg": 10, "lon_deg": 40, "azimuth_deg": 0, "elevation_deg": 90})") - local).norm(),
       1e-15);
-  EXPECT_EQ(direction(R"("subsolar": {"lat_deg": 0, "lon_deg": 360})"), Vec3::UnitX());
+  EXPECT_EQ(direction(R"("subsolar": {"lat_deg": 0, "lon_deg": 360})"), Vec3::unit_x());
 }
 
 TEST(SunJson, AtAPoleAzimuthsAreFromTheLongitudeThatIsGiven) {
@@ -585,10 +575,11 @@ TEST(SunJson, LocalIsAzimuthClockwiseFromNorthAndElevation) {
     return accepted(R"({"sun": {"direction": null, "local": )" + local + "}}").sun.direction;
   };
   // At latitude 0, longitude 0: north +Z, east +Y, up +X.
-  EXPECT_LT((direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 0, "elevation_deg": 0})") - Vec3::UnitZ()).norm(),
-            1e-15);
   EXPECT_LT(
-      (direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 90, "elevation_deg": 0})") - Vec3::UnitY()).norm(),
+      (direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 0, "elevation_deg": 0})") - Vec3::unit_z()).norm(),
+      1e-15);
+  EXPECT_LT(
+      (direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 90, "elevation_deg": 0})") - Vec3::unit_y()).norm(),
       1e-15);
   const Vec3 low = direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 270, "elevation_deg": 15})");
   EXPECT_LT((low - Vec3(std::sin(15 * kRadians), -std::cos(15 * kRadians), 0)).norm(), 1e-15);
@@ -761,7 +752,7 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   EXPECT_EQ(twice.request.camera.fx, once.request.camera.fx);
   EXPECT_EQ(twice.request.camera.distortion.k1, 0.1);
   EXPECT_EQ(twice.request.pose.position_m, once.request.pose.position_m);
-  EXPECT_EQ(twice.request.pose.camera_from_moon.coeffs(), once.request.pose.camera_from_moon.coeffs());
+  EXPECT_EQ(twice.request.pose.camera_from_moon, once.request.pose.camera_from_moon);
   EXPECT_EQ(twice.request.sun.direction, once.request.sun.direction);
   EXPECT_EQ(resolved_json(twice).dump(), resolved_json(once).dump());
   EXPECT_EQ(twice.request.reflectance.model, engine::ReflectanceModel::lommel_seeliger);
@@ -783,7 +774,7 @@ TEST(PointsJson, RaysAndPlaces) {
   const auto rays =
       read_rays(Json::parse(R"({"rays": [{"origin_m": [1, 2, 3], "direction": [0, 0, -1e300]}]})"), Limits{});
   ASSERT_EQ(rays.rays.size(), 1u);
-  EXPECT_EQ(rays.rays[0].direction, -Vec3::UnitZ());
+  EXPECT_EQ(rays.rays[0].direction, -Vec3::unit_z());
   EXPECT_FALSE(rays.sun_given);
   Limits small;
   small.max_rays = 1;
@@ -808,7 +799,7 @@ TEST(PointsJson, RaysAndPlaces) {
 
 TEST(PointsJson, NonFiniteNumbersAreNull) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
+  const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::unit_x(), 0.5}};
   const std::vector<LightOfPoint> unlit(2);
   RaysQuery rays;
   rays.sun_given = true;
@@ -816,7 +807,7 @@ TEST(PointsJson, NonFiniteNumbersAreNull) {
       rays_json(hits, unlit, rays).dump(),
       R"({"rays":[{"hit":false},{"hit":true,"range_m":5.0,"position_m":[1.0,2.0,3.0],"normal":[1.0,0.0,0.0],"lit":0.5}]})");
   rays.sun_given = false, rays.objects.resize(1);
-  const std::vector<engine::RayHit> on_object{{true, 3, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0}, hits[1]};
+  const std::vector<engine::RayHit> on_object{{true, 3, 5, Vec3(1, 2, 3), Vec3::unit_x(), 0}, hits[1]};
   EXPECT_EQ(rays_json(on_object, unlit, rays)["rays"][0]["object"], 3);
   EXPECT_TRUE(rays_json(on_object, unlit, rays)["rays"][1]["object"].is_null());
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
@@ -1007,9 +998,9 @@ TEST(Objects, EveryFormOfAPoseIsEquivalent) {
       with_objects(R"({"geodetic": {"lat_deg": 26, "lon_deg": 3, "height_m": 500}, "upright": {"azimuth_deg": 90}})")
           .request.objects[0];
   EXPECT_LT((up.position_m - place).norm(), 1e-9);
-  EXPECT_LT((up.moon_from_object * Vec3::UnitX() - local.east).norm(), 1e-12);
-  EXPECT_LT((up.moon_from_object * Vec3::UnitY() - local.north).norm(), 1e-12);
-  EXPECT_LT((up.moon_from_object * Vec3::UnitZ() - local.up).norm(), 1e-12);
+  EXPECT_LT((up.moon_from_object * Vec3::unit_x() - local.east).norm(), 1e-12);
+  EXPECT_LT((up.moon_from_object * Vec3::unit_y() - local.north).norm(), 1e-12);
+  EXPECT_LT((up.moon_from_object * Vec3::unit_z() - local.up).norm(), 1e-12);
 
   const char* q = R"({"w": 0.6, "x": 0, "y": 0.8, "z": 0})";
   const auto quaternion = [&](const std::string& name, const std::string& frame) {
@@ -1019,18 +1010,18 @@ TEST(Objects, EveryFormOfAPoseIsEquivalent) {
   const engine::SceneObject forward = quaternion("moon_from_object", "MOON_ME"),
                             back = quaternion("object_from_moon", "MOON_ME"),
                             other = quaternion("moon_from_object", "MOON_PA_DE440");
-  expect_same_attitude(forward.moon_from_object, Eigen::Quaterniond(0.6, 0, 0.8, 0));
-  expect_same_attitude(back.moon_from_object, Eigen::Quaterniond(0.6, 0, -0.8, 0));
-  const Eigen::Matrix3d me_from_pa = engine::moon_me_from(engine::BodyFrame::moon_pa_de440);
+  expect_same_attitude(forward.moon_from_object, Quat(0.6, 0, 0.8, 0));
+  expect_same_attitude(back.moon_from_object, Quat(0.6, 0, -0.8, 0));
+  const Mat3 me_from_pa = engine::moon_me_from(engine::BodyFrame::moon_pa_de440);
   EXPECT_LT((other.position_m - me_from_pa * Vec3(1737400, 5, 6)).norm(), 1e-9);
-  EXPECT_LT((other.moon_from_object * Vec3::UnitX() - me_from_pa * (forward.moon_from_object * Vec3::UnitX())).norm(),
+  EXPECT_LT((other.moon_from_object * Vec3::unit_x() - me_from_pa * (forward.moon_from_object * Vec3::unit_x())).norm(),
             1e-12);
 }
 
 TEST(Objects, AtAPoleTheyStandAlongTheLongitudeThatIsGiven) {
   const engine::SceneObject object =
       with_objects(R"({"geodetic": {"lat_deg": -90, "lon_deg": 20, "height_m": 0}, "upright": {}})").request.objects[0];
-  EXPECT_LT((object.moon_from_object * Vec3::UnitX() - to_cartesian({0, 20, 0}).normalized()).norm(), 1e-12);
+  EXPECT_LT((object.moon_from_object * Vec3::unit_x() - to_cartesian({0, 20, 0}).normalized()).norm(), 1e-12);
 }
 
 TEST(Objects, MaterialsAreByPart) {

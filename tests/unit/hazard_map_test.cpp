@@ -21,7 +21,7 @@ struct HazardsFound {
 
 // Over ground whose height, m, is given by the place on the map; rocks in the given pixels.
 HazardsFound found(const MapRequest& request, const std::function<double(const dem::MapPoint&)>& height_m,
-                   const std::vector<Eigen::Vector2i>& rocks = {}) {
+                   const std::vector<Vec2i>& rocks = {}) {
   const MapRequest drawn = request_with_margin(request);
   const dem::MapTransform map(drawn.grid.plane);
   HazardsFound out;
@@ -33,7 +33,7 @@ HazardsFound found(const MapRequest& request, const std::function<double(const d
     }
   if (request.rocks) out.products.rock_height.assign(out.products.height.size(), 0);
   const int margin = (drawn.grid.width - request.grid.width) / 2;
-  for (const Eigen::Vector2i& rock : rocks)
+  for (const Vec2i& rock : rocks)
     out.products.rock_height[static_cast<std::size_t>((rock.y() + margin) * drawn.grid.width + rock.x() + margin)] = 1;
   out.warnings = find_hazards(request, drawn, out.products, StopToken());
   return out;
@@ -106,12 +106,12 @@ TEST(HazardMap, ADiscIsStretchedAsTheMapIs) {
   request.footprint->diameter_m = 20000;
   request.rocks = true;
   request.products = kRockCover;
-  std::vector<Eigen::Vector2i> rocks;
+  std::vector<Vec2i> rocks;
   for (int row = 5; row < 250; row += 30) rocks.emplace_back(70, row);
   const FrameProducts level = found(
                                   request, [](const dem::MapPoint&) { return 0.0; }, rocks)
                                   .products;
-  for (const Eigen::Vector2i& rock : rocks) {
+  for (const Vec2i& rock : rocks) {
     int wide = 0;
     for (int x = 0; x < 140; ++x) wide += level.rock_cover[static_cast<std::size_t>(140 * rock.y() + x)] > 0;
     EXPECT_NEAR(wide, 2 * std::floor(5 * stretch(lat_deg(request, rock.y()))) + 1, 2) << rock.y();

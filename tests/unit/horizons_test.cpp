@@ -142,7 +142,7 @@ TEST(Horizons, PlacesOnALatticeSeeTheSameGround) {
                       heights);
   const MarchPlan plan = plan_marches(relief, {});
   MarchPlaces places{};
-  const Eigen::Matrix3d from_moon = relief.axes();
+  const Mat3 from_moon = relief.axes();
   for (int i = 0; i < kPacket; ++i) {
     places.x[i] = static_cast<float>((i % 4 - 2) * kLattice_m);
     places.y[i] = static_cast<float>((1 - i / 4) * kLattice_m);

@@ -32,7 +32,7 @@ struct Bowl {
   double radius_m() const { return (diameter_m * diameter_m / 4 + depth_m * depth_m) / (2 * depth_m); }
   Vec3 level(const Vec3& d) const { return Vec3(d.dot(axes.east), d.dot(axes.north), 0) * kMoonRadius_m; }
   double height(const Vec3& d) const {
-    const double square = level(d).squaredNorm(), r = radius_m();
+    const double square = level(d).squared_norm(), r = radius_m();
     return square > diameter_m * diameter_m / 4 ? 0 : r - depth_m - std::sqrt(r * r - square);
   }
   Vec3 normal(const Vec3& d) const {
@@ -70,8 +70,8 @@ void for_posts(const Relief& relief, const SlopeLight& light, int stride, double
     for (int column = -half; column <= half; column += kPacket * stride) {
       light.gather(middle + row, middle + column, stride, found, {});
       for (int i = 0; i < kPacket; ++i) {
-        Vec3 all = Vec3::Zero();
-        for (const Eigen::Vector3f& from : found[static_cast<std::size_t>(i)].from) all += from.cast<double>();
+        Vec3 all = Vec3::zero();
+        for (const Vec3f& from : found[static_cast<std::size_t>(i)].from) all += from.cast<double>();
         check((column + i * stride) * spacing_m, row * spacing_m, all,
               Vec3(found[static_cast<std::size_t>(i)].sky.cast<double>()));
       }
@@ -307,8 +307,8 @@ TEST(IndirectLight, DiffuseAlbedo) {
 // 0.084 W m-2 at full Earth over all wavelengths; at quarter Earth by the phase law 10^(-0.4 * 1.568).
 TEST(IndirectLight, TheEarthFollowsItsPhaseLaw) {
   Sun sun;
-  sun.direction = -Vec3::UnitX();
-  const Earth full{Vec3::UnitX()}, quarter{Vec3::UnitY()};
+  sun.direction = -Vec3::unit_x();
+  const Earth full{Vec3::unit_x()}, quarter{Vec3::unit_y()};
   EXPECT_NEAR(1361 * earth_over_sun(full, sun, nullptr), 0.084, 0.002);
   EXPECT_NEAR(earth_over_sun(quarter, sun, nullptr) / earth_over_sun(full, sun, nullptr), 0.236, 0.001);
   EXPECT_NEAR(earth_radius_deg(384.4e6), 0.951, 0.001);
@@ -334,7 +334,7 @@ TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
   FrameRequest request;
   request.camera = test::square_camera(96, 50);
   const Vec3 eye = to_cartesian({1, 10.85, 20000});
-  request.pose = test::looking(eye, -eye, Vec3::UnitZ());
+  request.pose = test::looking(eye, -eye, Vec3::unit_z());
   request.sun.direction = sun_direction(local_axes(1, 10.85), 270, 20);
   request.reflectance = {.model = ReflectanceModel::lambert, .rho = 0.12};
   request.products = kRadiance | kIrradiance;
@@ -358,7 +358,7 @@ TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
 std::shared_ptr<const ObjectMesh> tetrahedron() {
   ObjectShape shape;
   for (const Vec3& place : {Vec3(0, 0, -1), Vec3(1, 1, 1), Vec3(-1, 1, 1), Vec3(0, -1, 1)})
-    shape.corners.push_back({place.cast<float>(), Eigen::Vector3f::Zero()});
+    shape.corners.push_back({place.cast<float>(), Vec3f::zero()});
   shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}, {{0, 3, 1}, 0}, {{1, 3, 2}, 0}}, shape.parts = {"all"};
   return std::make_shared<const ObjectMesh>(shape);
 }
@@ -427,7 +427,7 @@ TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
     request.products = kIrradiance | kObjectId;
     request.indirect.terrain = true;
     const double half = std::tan(8 * test::kDegree);
-    const Eigen::Quaterniond moon_from_camera = request.pose.camera_from_moon.conjugate();
+    const Quat moon_from_camera = request.pose.camera_from_moon.conjugate();
     const Vec3 corner = moon_from_camera * Vec3(0.8 * half, 0.8 * half, 1);
     SceneObject object{mesh, eye + 0.4 * look.height_m * corner, moon_from_camera, 0.02 * look.height_m, {{}}};
     request.objects = {object};
@@ -463,7 +463,7 @@ TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
   for (const double fov_deg : {10.0, 70.0})
     for (const double max_error_px : {0.0, 4.0}) {
       const double pixel_m = 2 * kHeight_m * std::tan(fov_deg / 2 * test::kDegree) / kSide;
-      const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::UnitZ()), std::nullopt);
+      const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::unit_z()), std::nullopt);
       const Selection selection =
           select_for_view(*terrain, views.reference(), nullptr, {.max_error_px = max_error_px}, {});
       const Mesh mesh(*terrain, selection.blocks);
@@ -497,7 +497,7 @@ TEST(IndirectLight, RoughGroundHasPostsAPixelApart) {
     constexpr int kSide = 128;
     const double pixel_m = posts_per_px * post_m,
                  fov_deg = 2 * std::atan(kSide / 2 * pixel_m / kHeight_m) / test::kDegree;
-    const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::UnitZ()), std::nullopt);
+    const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::unit_z()), std::nullopt);
     const double max_error_px = posts_per_px > 1 ? 4 : 0;
     const Selection selection =
         select_for_view(*terrain, views.reference(), nullptr, {.max_error_px = max_error_px}, {});
@@ -530,7 +530,7 @@ TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {
   FrameRequest request;
   request.camera = test::square_camera(64, 50);
   const Vec3 eye = to_cartesian({1, 10.85, 20000});
-  request.pose = test::looking(eye, -eye, Vec3::UnitZ());
+  request.pose = test::looking(eye, -eye, Vec3::unit_z());
   request.products = kIrradiance, request.indirect.terrain = true;
   const auto from_terrain = [&](double sun_lon_deg) {
     request.sun.direction = to_cartesian({0, sun_lon_deg, 0}).normalized();

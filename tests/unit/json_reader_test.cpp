@@ -142,7 +142,7 @@ TEST(DirectionOf, NormalisesAnyLength) {
     ASSERT_TRUE(direction) << scale;
     EXPECT_NEAR((*direction - Vec3(0, -1, 1).normalized()).norm(), 0, 1e-15) << scale;
   }
-  EXPECT_FALSE(direction_of(Vec3::Zero()));
+  EXPECT_FALSE(direction_of(Vec3::zero()));
   for (const double bad : {std::nan(""), HUGE_VAL})
     for (int i = 0; i < 3; ++i) {
       Vec3 v(1, 2, 3);

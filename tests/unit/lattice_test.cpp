@@ -210,7 +210,7 @@ TEST(Geodesy, ThereAndBack) {
         EXPECT_NEAR(back.lon_deg, std::abs(lat_deg) == 90 ? 0 : lon_deg, 6e-14);
         EXPECT_NEAR(back.height_m, height_m, 1e-15 * (kMoonRadius_m + height_m));
       }
-  EXPECT_TRUE(to_cartesian({90.1, 0, 0}).hasNaN());
+  EXPECT_TRUE(to_cartesian({90.1, 0, 0}).has_nan());
 }
 
 // Whatever its version: last bits are not compared.

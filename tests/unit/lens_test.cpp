@@ -25,15 +25,15 @@ TEST(LensMap, IsBrownsPolynomial) {
   const Lens lens(strong());
   const double x = 0.3, y = -0.4;  // r^2 = 1/4
   const double radial = 1 - 0.21 / 4 + 0.07 / 16 - 0.01 / 64;
-  const Eigen::Vector2d p = lens.distorted(x, y);
+  const Vec2 p = lens.distorted(x, y);
   EXPECT_NEAR(p.x(), x * radial + 2 * 0.006 * x * y - 0.004 * (0.25 + 2 * x * x), 1e-15);
   EXPECT_NEAR(p.y(), y * radial + 0.006 * (0.25 + 2 * y * y) - 2 * 0.004 * x * y, 1e-15);
 }
 
 TEST(LensMap, WithoutCoefficientsIsTheIdentityEverywhere) {
   const Lens lens{Distortion{}};
-  EXPECT_EQ(lens.distorted(3, -7), Eigen::Vector2d(3, -7));
-  EXPECT_EQ(lens.jacobian(3, -7), Eigen::Matrix2d(Eigen::Matrix2d::Identity()));
+  EXPECT_EQ(lens.distorted(3, -7), Vec2(3, -7));
+  EXPECT_EQ(lens.jacobian(3, -7), Mat2(Mat2::identity()));
   EXPECT_TRUE(lens.holds(1e6, 1e6));
   EXPECT_TRUE(std::isinf(lens.reach()));
 }
@@ -95,19 +95,19 @@ TEST(OpenCvLens, ProjectsAsOpenCv) {
 // cv2.undistortPointsIter of OpenCV 4.6, iterated to 1e-15.
 TEST(OpenCvLens, UndistortsAsOpenCv) {
   const Projection projection(Camera{1024, 768, 800, 790, 511.5, 383.25, opencv_terms()});
-  for (const auto& [x, y, slope] : {std::tuple(20., 700., Eigen::Vector2d(-8.57815008e-01, 5.70725284e-01)),
-                                    {511., 384., Eigen::Vector2d(-6.20346290e-04, 9.52374613e-04)},
-                                    {1000., 10., Eigen::Vector2d(7.74415432e-01, -6.08228759e-01)}}) {
+  for (const auto& [x, y, slope] : {std::tuple(20., 700., Vec2(-8.57815008e-01, 5.70725284e-01)),
+                                    {511., 384., Vec2(-6.20346290e-04, 9.52374613e-04)},
+                                    {1000., 10., Vec2(7.74415432e-01, -6.08228759e-01)}}) {
     const auto direction = projection.direction(x, y);
     ASSERT_TRUE(direction);
-    EXPECT_LT((direction->head<2>() - slope).norm(), 1e-8);
+    EXPECT_LT((direction->xy() - slope).norm(), 1e-8);
   }
 }
 
 TEST(OpenCvLens, JacobianIsTheDerivative) {
   const Lens lens(opencv_terms());
   const double h = 1e-6;
-  const Eigen::Matrix2d j = lens.jacobian(0.3, -0.4);
+  const Mat2 j = lens.jacobian(0.3, -0.4);
   EXPECT_LT((j.col(0) - (lens.distorted(0.3 + h, -0.4) - lens.distorted(0.3 - h, -0.4)) / (2 * h)).norm(), 1e-9);
   EXPECT_LT((j.col(1) - (lens.distorted(0.3, -0.4 + h) - lens.distorted(0.3, -0.4 - h)) / (2 * h)).norm(), 1e-9);
 }
@@ -154,10 +154,10 @@ TEST(OpenCvLens, InvertsUpToTheHorizon) {
   const Lens lens(d);
   EXPECT_LE(lens.reach(), RadialFactor::kFarthest);
   for (double r = 0.01; r < lens.reach(); r *= 1.5) {
-    const Eigen::Vector2d image = lens.distorted(0.6 * r, 0.8 * r);
+    const Vec2 image = lens.distorted(0.6 * r, 0.8 * r);
     const auto back = lens.undistorted(image.x(), image.y());
     ASSERT_TRUE(back) << r;
-    EXPECT_LT((*back - Eigen::Vector2d(0.6 * r, 0.8 * r)).norm(), 1e-12 * r) << r;
+    EXPECT_LT((*back - Vec2(0.6 * r, 0.8 * r)).norm(), 1e-12 * r) << r;
   }
 }
 
@@ -179,11 +179,11 @@ TEST(OpenCvLens, PositionsThatHoldAreInverted) {
         constexpr double kNextToPole = 1000;  // scale at which an image is too far away to be searched for
         if (lens.jacobian(x, y).determinant() > kNextToPole) continue;
         ++inverted;
-        const Eigen::Vector2d image = lens.distorted(x, y);
+        const Vec2 image = lens.distorted(x, y);
         const auto back = lens.undistorted(image.x(), image.y());
         ASSERT_TRUE(back) << i << ": " << x << ' ' << y;
         // Close to a fold, rounding of the image is many times as much on the plane.
-        EXPECT_LT((lens.jacobian(x, y) * (*back - Eigen::Vector2d(x, y))).norm(), 1e-10 * (1 + image.norm())) << i;
+        EXPECT_LT((lens.jacobian(x, y) * (*back - Vec2(x, y))).norm(), 1e-10 * (1 + image.norm())) << i;
       }
   }
   EXPECT_GT(inverted, 2000U);
@@ -206,7 +206,7 @@ TEST(PixelRaysTest, TheLensMapsEachBackToItsPixel) {
   for (int y = 0; y < c.height; ++y)
     for (int x = 0; x < c.width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * 40 + static_cast<std::size_t>(x);
-      const Eigen::Vector2d image = lens.distorted(rays.x[i], rays.y[i]);
+      const Vec2 image = lens.distorted(rays.x[i], rays.y[i]);
       EXPECT_NEAR(c.fx * image.x() + c.cx, x + 0.25, 1e-11);
       EXPECT_NEAR(c.fy * image.y() + c.cy, y - 0.125, 1e-11);
     }

@@ -324,11 +324,11 @@ TEST(LidarPattern, CellsOfARasterAndAFlash) {
 }
 
 TEST(LidarMotion, RatesOfATrackAreTheDerivativesOfItsPoses) {
-  const Pose start{Vec3(1740e3, 0, 0), Eigen::Quaterniond(0.5, 0.5, -0.5, 0.5)};
+  const Pose start{Vec3(1740e3, 0, 0), Quat(0.5, 0.5, -0.5, 0.5)};
   std::vector<PoseAtTime> poses;
   for (const double t : {0.0, 1.0, 2.5, 4.0})
     poses.push_back({t, moved({start.position_m + Vec3(3 * t * t, 100 * t, 0), start.camera_from_moon},
-                              {{1, 2, 3}, Vec3::Zero()}, t)});
+                              {{1, 2, 3}, Vec3::zero()}, t)});
   const PoseTrack track(start, Rates{}, poses);
   for (const double t : {-1.0, 0.5, 1.7, 3.9, 5.0}) {
     const double h = 1e-3;
@@ -410,8 +410,8 @@ TEST_F(SmoothMoonLidar, DopplerOfVelocityAndRotation) {
     // It is how fast the range gets shorter, on ground that is level along the beam's turn: not here. But without the
     // turn:
   }
-  request.rates.angular_rate_deg_s = Vec3::Zero(), request.instrument.offset_m = Vec3::Zero();
-  request.pulses = {{0, Vec3::UnitZ()}, {0.01, Vec3::UnitZ()}};
+  request.rates.angular_rate_deg_s = Vec3::zero(), request.instrument.offset_m = Vec3::zero();
+  request.pulses = {{0, Vec3::unit_z()}, {0.01, Vec3::unit_z()}};
   const LidarReturns down = test::scan_lidar(renderer(), request);
   EXPECT_NEAR(static_cast<double>(down.true_velocity_m_s[0]), (down.axis_range_m[0] - down.axis_range_m[1]) / 0.01,
               0.05);
@@ -461,7 +461,7 @@ TEST_F(SmoothMoonLidar, ATrackThatDipsBelowTheTerrainIsRefused) {
 
 TEST_F(SmoothMoonLidar, AtTheMoonsCentreThereIsNoLidar) {
   LidarRequest request = looking_down(1500, 0);
-  request.pose.position_m = Vec3::Zero();
+  request.pose.position_m = Vec3::zero();
   EXPECT_THROW(test::scan_lidar(renderer(), request), ImpossibleRequest);
 }
 

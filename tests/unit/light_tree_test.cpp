@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <random>
 
@@ -80,7 +79,7 @@ TEST(LightTree, MountainShadowsWhatItReaches) {
     const Vec3 sun = sun_over(10, 30, 90, elevation);
     const Vec3 top = to_cartesian({10, 30, h});
     // Where the shadow of the top falls: go down-sun until the sphere is met.
-    const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+    const double along = top.dot(sun), root = along * along - (top.squared_norm() - kMoonRadius_m * kMoonRadius_m);
     ASSERT_GT(root, 0);
     const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
     LightTree receivers(point(sun), top);
@@ -99,7 +98,7 @@ TEST(LightTree, FindsEveryOccluder) {
   std::uniform_real_distribution<double> any(0, 1);
   const Vec3 sun = sun_over(-40, 120, 250, 3);
   // Whatever is taken for upwards: nobody, the right one, the Sun itself, anything.
-  for (const Vec3& up : {Vec3(Vec3::Zero()), to_cartesian({-39, 121, 0}), sun, Vec3(1, -2, 3)}) {
+  for (const Vec3& up : {Vec3(Vec3::zero()), to_cartesian({-39, 121, 0}), sun, Vec3(1, -2, 3)}) {
     std::vector<NodeBounds> places;
     LightTree receivers(point(sun), up);
     for (int i = 0; i < 40; ++i) {
@@ -142,7 +141,7 @@ TEST(LightTree, ASharpReceiverIsNoLargerThanItIs) {
 TEST(LightTree, SolarDiscIsShadowedByLowerOccluders) {
   const Vec3 toward = sun_over(10, 30, 90, 2);
   const Vec3 top = to_cartesian({10, 30, 800});
-  const double along = top.dot(toward), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+  const double along = top.dot(toward), root = along * along - (top.squared_norm() - kMoonRadius_m * kMoonRadius_m);
   const Geographic tip = to_geographic(top - toward * (along - std::sqrt(root)));
   const double away_m = along - std::sqrt(root);
   const auto shaded = [&](double radius_deg, double below_m) {

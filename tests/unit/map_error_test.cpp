@@ -13,6 +13,7 @@
 #include "dem/terrain/surface_place.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
+#include "tests/support/vec_text.h"
 
 namespace selenograph::dem {
 namespace {
@@ -34,7 +35,7 @@ std::vector<Vec3> random_directions(int count, unsigned seed) {
 
 // Returns the direction at a distance along the surface, toward an azimuth from a fixed axis.
 Vec3 displaced(const Vec3& direction, double distance_m, double azimuth) {
-  const Vec3 a = direction.unitOrthogonal(), b = direction.cross(a);
+  const Vec3 a = direction.unit_orthogonal(), b = direction.cross(a);
   return (direction + distance_m / kMoonRadius_m * (std::cos(azimuth) * a + std::sin(azimuth) * b)).normalized();
 }
 
@@ -107,9 +108,9 @@ TEST(GaussianField, EveryPlaceIsTheSameInTheEnsemble) {
       values.push_back(field.at(kMoonRadius_m * d, cursor).value);
       beside.push_back(field.at(kMoonRadius_m * displaced(d, 500, 0.4), cursor).value);
     }
-    EXPECT_NEAR(moments_of(values).mean, 0, 0.028) << d.transpose();
-    EXPECT_NEAR(moments_of(values).deviation, 1, 0.02) << d.transpose();
-    EXPECT_NEAR(correlation_of(values, beside), std::exp(-1), 0.008 + 0.028) << d.transpose();
+    EXPECT_NEAR(moments_of(values).mean, 0, 0.028) << d;
+    EXPECT_NEAR(moments_of(values).deviation, 1, 0.02) << d;
+    EXPECT_NEAR(correlation_of(values, beside), std::exp(-1), 0.008 + 0.028) << d;
   }
 }
 
@@ -127,7 +128,7 @@ TEST(GaussianField, GradientIsTheDifferenceQuotient) {
   for (const Vec3& d : random_directions(200, 5)) {
     const Vec3 p = kMoonRadius_m * d, gradient = field.at(p, cursor).gradient;
     for (int axis = 0; axis < 3; ++axis) {
-      const Vec3 step = kStep_m * Vec3::Unit(axis);
+      const Vec3 step = kStep_m * Mat3::identity().col(axis);
       const double quotient = (field.at(p + step, cursor).value - field.at(p - step, cursor).value) / (2 * kStep_m);
       EXPECT_NEAR(gradient[axis], quotient, 1e-7);
     }

@@ -51,7 +51,7 @@ std::size_t open_edges(const Mesh& mesh, const std::function<bool(const Geograph
         for (const bool upper : {false, true}) {
           const dem::Triangle t =
               mesh.triangle({b, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
-          if (!t.a.allFinite() || !t.b.allFinite() || !t.c.allFinite()) continue;
+          if (!t.a.is_finite() || !t.b.is_finite() || !t.c.is_finite()) continue;
           const Point p[3] = {key(t.a), key(t.b), key(t.c)};
           if (p[0] == p[1] || p[1] == p[2] || p[2] == p[0]) continue;  // collapsed
           for (int k = 0; k < 3; ++k) {

@@ -100,7 +100,7 @@ TEST(Moon, DiscsOfASmoothSphereHaveTheClosedForms) {
   constexpr double kDistance_m = 1e10, kRadius_rad = kMoonRadius_m / kDistance_m;
   FrameRequest request;
   request.camera = test::square_camera(384, 2.04 * kRadius_rad / kRadians);
-  request.pose = test::looking({kDistance_m, 0, 0}, -Vec3::UnitX(), Vec3::UnitZ());
+  request.pose = test::looking({kDistance_m, 0, 0}, -Vec3::unit_x(), Vec3::unit_z());
   request.band = Band(0.675, 1e-3);
   request.products = kRadiance, request.accuracy.samples_per_pixel = 4;
   const double pixel_sr = 1 / (request.camera.fx * request.camera.fy);

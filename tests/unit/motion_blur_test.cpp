@@ -57,7 +57,7 @@ TEST(MotionBlur, TheDriftOfDelayedIntegration) {
   Shutter& shutter = request.shutter.emplace();
   shutter.line_time_s = line_time_s;
   shutter.pushbroom = true;
-  const Vec3 ahead = request.pose.camera_from_moon.conjugate() * Vec3::UnitY();
+  const Vec3 ahead = request.pose.camera_from_moon.conjugate() * Vec3::unit_y();
   const auto drift_px = [&](double lines, bool reversed) {
     shutter.rates.velocity_m_s = lines * line_m / line_time_s * ahead;
     request.sensor->tdi = {32, reversed};

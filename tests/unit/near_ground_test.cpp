@@ -1,7 +1,6 @@
 // Made ground near the camera: the level of detail depends neither on the image's size nor on the pose before.
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -39,11 +38,10 @@ class NearGround : public ::testing::Test {
     const EastNorthUp axes = local_axes(lat_deg, kLon_deg);
     const double tilt = tilt_deg * std::numbers::pi / 180;
     const Vec3 z = axes.north * std::sin(tilt) - axes.up * std::cos(tilt);
-    Eigen::Matrix3d camera_from_moon;
-    camera_from_moon << axes.east.transpose(), z.cross(axes.east).transpose(), z.transpose();
+    const auto camera_from_moon = Mat3::from_rows(axes.east, z.cross(axes.east), z);
     const double focal_px = side_px / 2.0 / std::tan(std::numbers::pi / 6), middle_px = (side_px - 1) / 2.0;
     const View view({side_px, side_px, focal_px, focal_px, middle_px, middle_px, {}},
-                    {to_cartesian({lat_deg, kLon_deg, ground_m_ + above_m}), Eigen::Quaterniond(camera_from_moon)});
+                    {to_cartesian({lat_deg, kLon_deg, ground_m_ + above_m}), Quat(camera_from_moon)});
     const Sun sun{sun_direction(local_axes(kLat_deg, kLon_deg), 270, sun_deg)};
     return select_for_view(*terrain_, view, &sun, {}, {});
   }

@@ -76,7 +76,7 @@ TEST(Preparation, ExtrapolatesTheSun) {
       kBudget);
   const auto lit = [](double degrees) {
     FrameRequest request = frame_at(0);
-    request.sun.direction = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3(1, 1, 1).normalized()) * Vec3::UnitX();
+    request.sun.direction = AngleAxis(degrees * kRadiansPerDegree, Vec3(1, 1, 1).normalized()) * Vec3::unit_x();
     return request;
   };
   const std::vector<Pose> ahead = poses({10, 20});
@@ -162,7 +162,7 @@ TEST(Preparation, SimilarCamerasAreIndependent) {
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   // A stereo pair: told apart by name alone. A third one looks elsewhere.
   FrameRequest aside = frame_at(0);
-  aside.pose.camera_from_moon = Eigen::AngleAxisd(0.8, Vec3::UnitY());
+  aside.pose.camera_from_moon = AngleAxis(0.8, Vec3::unit_y());
   for (const double x : {0.0, 100.0}) {
     const FrameRequest frame = frame_at(x);
     const Preparation::Work work(preparation, &frame);

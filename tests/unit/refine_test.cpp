@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <random>
 #include <utility>
 
@@ -58,7 +57,7 @@ TEST_F(Refine, OnTheWrongSideOfAnEdgeTheNeighbourIsTaken) {
 TEST_F(Refine, TheMiddleOfAnEdgeIsMetFromEitherSide) {
   const dem::Triangle t = mesh().triangle(kTriangle), other = mesh().triangle(kTriangle.other_half());
   // The diagonal: the two vertices that both halves have.
-  Vec3 place = Vec3::Zero();
+  Vec3 place = Vec3::zero();
   int common = 0;
   for (const Vec3& p : {t.a, t.b, t.c})
     for (const Vec3& q : {other.a, other.b, other.c})
@@ -123,7 +122,7 @@ TEST(RefineWalls, WeightsAreThoseOfThePlaceWhereverItIsAndHoweverSteep) {
       const dem::Triangle t = mesh.triangle(id);
       const double v = 0.01 + 0.9 * share(random), w = (0.98 - v) * share(random) + 0.01;
       const Vec3 place = (1 - v - w) * t.a + v * t.b + w * t.c, normal = (t.b - t.a).cross(t.c - t.a).normalized();
-      if (normal.hasNaN()) continue;
+      if (normal.has_nan()) continue;
       steep += std::abs(normal[mesh.blocks()[0].axis]) < 0.02;
       const Vec3 direction = -normal + 0.3 * Vec3(share(random), share(random), share(random));
       Rays rays{};

@@ -55,7 +55,7 @@ TEST_F(SmoothMoon, EveryProductHasItsFormula) {
   EXPECT_EQ(frame.report.sources[0].name, "global");
   for (std::size_t i = 0; i < p.depth.size(); ++i) {
     const Vec3 ray = *view.ray(static_cast<double>(i % 64), static_cast<double>(i / 64)), from = view.position();
-    const double a = ray.squaredNorm(), b = from.dot(ray), c = from.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
+    const double a = ray.squared_norm(), b = from.dot(ray), c = from.squared_norm() - kMoonRadius_m * kMoonRadius_m;
     const double depth = (-b - std::sqrt(b * b - a * c)) / a;
     // The finest mesh's chords lie up to 2 mm beneath the sphere; a ray's point with them.
     ASSERT_NEAR(p.depth[i], depth, 0.004) << i;
@@ -172,7 +172,7 @@ TEST_F(SmoothMoon, CancelledInTime) {
 TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
   FrameRequest request = nadir(5, 5, -1, 16, 50);
   EXPECT_THROW(renderer().render(request), ImpossibleRequest);
-  request.pose.position_m = Vec3::Zero();
+  request.pose.position_m = Vec3::zero();
   EXPECT_THROW(renderer().render(request), ImpossibleRequest);
   request = nadir(5, 5, 0.5, 16, 50);
   EXPECT_NO_THROW(renderer().render(request));
@@ -181,7 +181,7 @@ TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
 // As far away as requests may say; a ray from the Moon's middle meets no ground from above, and misleads no other.
 TEST_F(SmoothMoon, RaysFromFarAwayMeetTheSphere) {
   const Vec3 place = to_cartesian({-12.13, 77.21, 0});
-  std::vector<Ray> rays{{Vec3::Zero(), place.normalized()}};
+  std::vector<Ray> rays{{Vec3::zero(), place.normalized()}};
   for (double from_m = 1e7; from_m <= 1e12; from_m *= 10) {
     const Vec3 from = to_cartesian({-12, 77, from_m});
     rays.push_back({from, (place - from).normalized()});
@@ -277,7 +277,7 @@ TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
     const Renderer renderer(open(folder, height), {2, std::size_t{512} << 20});
     const Vec3 sun = local_sun(kLat, kLon, 90, elevation), top = to_cartesian({kLat, kLon, height});
     // Tip of the shadow on the sphere. With curvature: at 2 degrees over flat ground it would be h / tan(el) = 22.9 km.
-    const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+    const double along = top.dot(sun), root = along * along - (top.squared_norm() - kMoonRadius_m * kMoonRadius_m);
     ASSERT_GT(root, 0);
     const Vec3 tip = top - sun * (along - std::sqrt(root));
     const double length = (tip - to_cartesian({kLat, kLon, 0})).norm();

@@ -199,7 +199,7 @@ TEST(RockField, EjectaAreAsRockyAsPublished) {
 }
 
 dem::Rock rock_of(const dem::RockField& field, double age_Ma, std::uint64_t number) {
-  dem::Rock rock{Vec3::UnitX(), 2.5, age_Ma, number, dem::Draws(1, 0, static_cast<int>(number), 0).bits()};
+  dem::Rock rock{Vec3::unit_x(), 2.5, age_Ma, number, dem::Draws(1, 0, static_cast<int>(number), 0).bits()};
   field.settle(rock);
   return rock;
 }
@@ -289,7 +289,7 @@ TEST(RockShapes, AreClosed) {
     using Place = std::tuple<float, float, float>;  // triangles have corners of their own
     std::set<std::pair<Place, Place>> edges;
     const auto place = [&](std::uint32_t corner) {
-      const Eigen::Vector3f& p = shape.corners[corner].place;
+      const Vec3f& p = shape.corners[corner].place;
       return Place(p.x(), p.y(), p.z());
     };
     double volume = 0;
@@ -311,7 +311,7 @@ std::vector<Vec3> places_of(const engine::PlacedShape& shape) {
   for (const engine::ObjectCorner& corner : shape.mesh->shape().corners)
     once.emplace(corner.place.x(), corner.place.y(), corner.place.z());
   std::vector<Vec3> places;
-  for (const auto& [x, y, z] : once) places.push_back(shape.from_mesh * Eigen::Vector3f(x, y, z).cast<double>());
+  for (const auto& [x, y, z] : once) places.push_back(shape.from_mesh * Vec3f(x, y, z).cast<double>());
   return places;
 }
 
@@ -320,7 +320,7 @@ TEST(RockShapes, LieAsTheListHasThem) {
   std::set<const engine::ObjectMesh*> meshes;
   for (std::uint64_t i = 0; i < 150; ++i) {
     const dem::Rock rock = rock_of(field, static_cast<double>(i), i);
-    const Vec3 up = Vec3(0.9, 0.1, 0.3).normalized(), east = up.unitOrthogonal(), north = up.cross(east);
+    const Vec3 up = Vec3(0.9, 0.1, 0.3).normalized(), east = up.unit_orthogonal(), north = up.cross(east);
     const engine::PlacedShape shape = engine::placed_rock(rock, up);
     meshes.insert(shape.mesh);
     double wide2 = 0, high = -1e9, low = 1e9, far = 0;
@@ -354,7 +354,7 @@ TEST(RockShapes, SoilIsNoBrim) {
       EXPECT_NEAR(n.norm(), 1, 1e-5);
       EXPECT_GT(n.z(), 0);
       EXPECT_LT(p.z(), 1.7);
-      const double radius = p.head<2>().norm();
+      const double radius = p.xy().norm();
       if (radius > 0.66 && radius < 0.72) lowest = std::min(lowest, p.z()), highest = std::max(highest, p.z());
       if (radius > 1.1) {
         EXPECT_LT(p.z(), -0.2);
@@ -396,9 +396,9 @@ class RocksInFrames : public testing::Test {
     const double ground_m = renderer_->terrain_with(detail_)->height(kLat, kLon).height_m;
     request.pose.position_m = to_cartesian({kLat, kLon, ground_m + height_m});
     const EastNorthUp axes = local_axes(request.pose.position_m);
-    Eigen::Matrix3d camera;  // nadir, north up, tilted a little
+    Mat3 camera;  // nadir, north up, tilted a little
     camera.col(0) = axes.east, camera.col(1) = -axes.north, camera.col(2) = -axes.up;
-    request.pose.camera_from_moon = (Eigen::Quaterniond(camera) * Eigen::AngleAxisd(0.3, Vec3::UnitX())).conjugate();
+    request.pose.camera_from_moon = (Quat(camera) * AngleAxis(0.3, Vec3::unit_x())).conjugate();
     request.sun.direction = (std::sin(0.4) * axes.up + std::cos(0.4) * axes.east).normalized();
     request.detail = detail_;
     request.products = engine::kDetail | engine::kPosition | engine::kLit | engine::kObjectId | engine::kRange;
@@ -413,7 +413,7 @@ class RocksInFrames : public testing::Test {
 
 struct Placed {
   Vec3 position;
-  Eigen::Matrix3d turned;  // and stretched
+  Mat3 turned;  // and stretched
   const engine::ObjectMesh* mesh;
   double radius_m;
   bool soil;
@@ -442,7 +442,7 @@ std::vector<Placed> placed_rocks(const engine::FrameRequest& asked, const std::v
   for (const dem::RockFeature& rock : all) {
     if (rock.rock.diameter_m * view.pixels_per_metre(rock.position_m, 0) < 1) continue;
     const auto add = [&](const engine::PlacedShape& shape, bool soil) {
-      rocks.push_back({rock.position_m + shape.from_mesh.translation(), shape.from_mesh.linear(), shape.mesh,
+      rocks.push_back({rock.position_m + shape.from_mesh.translation, shape.from_mesh.linear, shape.mesh,
                        2 * rock.rock.diameter_m, soil});
     };
     add(engine::placed_rock(rock.rock, rock.up), false);

@@ -17,7 +17,7 @@ const Camera kCamera{320, 200, 1000, 1000, 159.5, 99.5, {}};
 
 Pose above_the_equator() {
   const Vec3 from((kMoonRadius_m + kHeight_m), 0, 0);
-  return test::looking(from, -from, Vec3::UnitZ());
+  return test::looking(from, -from, Vec3::unit_z());
 }
 
 Shutter at_rates(const Rates& rates) {
@@ -29,7 +29,7 @@ Shutter at_rates(const Rates& rates) {
 
 // Returns the image position of a point by a fit.
 PixelXY image_by(const RowFit& fit, const Vec3& origin, const Vec3& point, double row) {
-  const Vec3 p = fit.at(row - fit.middle_row) * (point - origin).homogeneous();
+  const Vec3 p = fit.at(row - fit.middle_row) * (point - origin);
   return {p.x() / p.z() * kCamera.fx + kCamera.cx, p.y() / p.z() * kCamera.fy + kCamera.cy};
 }
 
@@ -60,7 +60,7 @@ TEST(RowFit, ErrorIsSmallForSteadyMotionAndLargeForShaking) {
   for (int i = 0; i <= 20; ++i) {
     Pose pose = above_the_equator();
     const double angle = 0.1 * kDegree * (i % 2);
-    pose.camera_from_moon = Eigen::AngleAxisd(angle, Vec3::UnitX()) * pose.camera_from_moon;
+    pose.camera_from_moon = AngleAxis(angle, Vec3::unit_x()) * pose.camera_from_moon;
     shaking.poses.push_back({0.01 * i, pose});
   }
   EXPECT_GT(max_fit_error_px(RowViews(kCamera, {}, shaking), kHeight_m), 0.5);

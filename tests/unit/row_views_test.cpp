@@ -27,7 +27,7 @@ Pose in_orbit(double seconds) {
   return looking(from, -from, -ahead);
 }
 
-double apart(const Pose& a, const Pose& b) { return a.camera_from_moon.angularDistance(b.camera_from_moon); }
+double apart(const Pose& a, const Pose& b) { return a.camera_from_moon.angle_to(b.camera_from_moon); }
 
 Shutter through(const std::vector<double>& times_s) {
   Shutter shutter;
@@ -46,9 +46,9 @@ TEST(PoseTrack, ConstantRates) {
   const Pose start = in_orbit(0), later = PoseTrack(start, shutter).at(2.5);
   EXPECT_LT((later.position_m - start.position_m - Vec3(25, 50, -75)).norm(), 1e-9);
   // Turned about its boresight by 15 degrees, from +x toward +y.
-  const Vec3 right_before = start.camera_from_moon.conjugate() * Vec3::UnitX(),
-             right_later = later.camera_from_moon.conjugate() * Vec3::UnitX(),
-             down = start.camera_from_moon.conjugate() * Vec3::UnitY();
+  const Vec3 right_before = start.camera_from_moon.conjugate() * Vec3::unit_x(),
+             right_later = later.camera_from_moon.conjugate() * Vec3::unit_x(),
+             down = start.camera_from_moon.conjugate() * Vec3::unit_y();
   EXPECT_NEAR(right_later.dot(right_before), std::cos(15 * kDegree), 1e-12);
   EXPECT_NEAR(right_later.dot(down), std::sin(15 * kDegree), 1e-12);
   const Pose before = PoseTrack(start, shutter).at(-2.5);
@@ -87,7 +87,8 @@ TEST(PoseTrack, SmoothAtItsPoses) {
 
 TEST(PoseTrack, TwoPosesAreConstantRatesBeyondThemToo) {
   Shutter shutter = through({1, 3});
-  shutter.poses[1].pose.camera_from_moon.coeffs() *= -1;  // the same attitude: the shorter way is the same
+  Quat& second = shutter.poses[1].pose.camera_from_moon;
+  second = {-second.w, -second.x, -second.y, -second.z};  // the same attitude: the shorter way is the same
   const PoseTrack track({}, shutter);
   const Vec3 way = shutter.poses[1].pose.position_m - shutter.poses[0].pose.position_m;
   const double turn = apart(shutter.poses[0].pose, shutter.poses[1].pose);
@@ -143,7 +144,7 @@ TEST(RowViews, EachRowHasThePoseOfItsTime) {
 }
 
 TEST(RowViews, AFirstRowBeforeTheImageIsEarlier) {
-  Shutter shutter = at_rates(0.5, {Vec3::Zero(), Vec3(0, 100, 0)}, false);
+  Shutter shutter = at_rates(0.5, {Vec3::zero(), Vec3(0, 100, 0)}, false);
   const Camera camera = test::square_camera(8, 40);
   const RowViews without(camera, in_orbit(0), shutter);
   shutter.first_row = -3;
@@ -175,7 +176,7 @@ TEST(RowViews, BundlesBoundAllRows) {
       };
       ASSERT_TRUE(std::any_of(views.bundles().begin(), views.bundles().end(), in_bounds)) << row;
       // A metre beside it, in pixels.
-      const Vec3 aside = Vec3::NullaryExpr([&] { return share(random) - 0.5; }).normalized();
+      const Vec3 aside = Vec3(share(random) - 0.5, share(random) - 0.5, share(random) - 0.5).normalized();
       const auto here = view.project(point), there = view.project(point + aside);
       if (!here || !there) continue;
       double most = 0;
@@ -221,15 +222,15 @@ std::vector<RowCase> fast_cases() {
   Camera camera{96, 64, 130, 130, 47.5, 31.5, {}}, lens = camera, fisheye = camera;
   lens.distortion = {-0.2, 0.05, 0, 0.001, -0.002};
   fisheye.model = CameraModel::fisheye, fisheye.fx = fisheye.fy = 60;
-  const Rates roll{Vec3(0, 0, 60), Vec3::Zero()}, back{Vec3(0, 0, -60), Vec3(300, 1600, 0)},
+  const Rates roll{Vec3(0, 0, 60), Vec3::zero()}, back{Vec3(0, 0, -60), Vec3(300, 1600, 0)},
       mixed{Vec3(20, -30, 60), Vec3(0, 1600, 0)};
   for (const double line_time_s : {0.002, 0.01, 0.0125, 0.015, 0.02, 0.05}) {
     for (const Camera& of : {camera, lens, fisheye})
       for (const Rates& rates : {roll, back, mixed})
         all.push_back({"rolling", of, at_rates(line_time_s, rates, false)});
-    all.push_back({"pitch", camera, at_rates(line_time_s, {Vec3(30, 0, 0), Vec3::Zero()}, false)});
-    all.push_back({"against the rows", camera, at_rates(line_time_s, {Vec3(-30, 0, 0), Vec3::Zero()}, false)});
-    all.push_back({"yaw", camera, at_rates(line_time_s, {Vec3(0, 60, 0), Vec3::Zero()}, false)});
+    all.push_back({"pitch", camera, at_rates(line_time_s, {Vec3(30, 0, 0), Vec3::zero()}, false)});
+    all.push_back({"against the rows", camera, at_rates(line_time_s, {Vec3(-30, 0, 0), Vec3::zero()}, false)});
+    all.push_back({"yaw", camera, at_rates(line_time_s, {Vec3(0, 60, 0), Vec3::zero()}, false)});
     all.push_back({"line", camera, at_rates(line_time_s, mixed, true)});
     all.push_back({"turning line", lens, at_rates(line_time_s, roll, true)});
   }

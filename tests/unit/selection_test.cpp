@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -39,9 +38,8 @@ double rough_ground(double lat, double lon) {
 
 View view_from(const Vec3& from, const Vec3& target, double focal_px) {
   const Vec3 z = (target - from).normalized(), x = z.cross(from.normalized() + Vec3(1e-3, 2e-3, 3e-3)).normalized();
-  Eigen::Matrix3d m;
-  m << x.transpose(), z.cross(x).transpose(), z.transpose();
-  return View({512, 512, focal_px, focal_px, 255.5, 255.5, {}}, {from, Eigen::Quaterniond(m).normalized()});
+  return View({512, 512, focal_px, focal_px, 255.5, 255.5, {}},
+              {from, Quat(Mat3::from_rows(x, z.cross(x), z)).normalized()});
 }
 
 NodeBounds bounds_in(const dem::Terrain& terrain, const BlockId& id) {
@@ -261,10 +259,10 @@ TEST(Selection, TheWholeMoonAtTheTerminatorNeedsNoFinerGround) {
   });
   const auto terrain = test::open_terrain(folder.path());
   const Vec3 from = to_cartesian({0, 0, 384.4e6});
-  View view = view_from(from, Vec3::Zero(), 13000);
+  View view = view_from(from, Vec3::zero(), 13000);
   Camera camera = view.camera();
   camera.width = camera.height = 140, camera.cx = camera.cy = 69.5;
-  view = View(camera, {from, Eigen::Quaterniond(view.moon_from_camera()).conjugate()});
+  view = View(camera, {from, Quat(view.moon_from_camera()).conjugate()});
   const Sun sun{to_cartesian({1.5, 75, 0}).normalized()};
   const Accuracy accuracy;
   const Selection without = select_for_view(*terrain, view, nullptr, accuracy, {}),
@@ -391,12 +389,12 @@ TEST_F(SelectionTest, StopsWhenTold) {
 
 // The farther away everything is, the longer frames share an anchor; as the camera sees it, float is as fine.
 TEST(Anchor, IsNearAsMeasuredByWhatIsSeen) {
-  const Vec3 down = -Vec3::UnitX();
+  const Vec3 down = -Vec3::unit_x();
   for (const double clearance_m : {0.0, 100.0, 1000.0, 2048.0, 5000.0, 8192.0, 1e5}) {
     double farthest_m = 0;
     int changes = 0;
     const int steps = 3000;
-    Vec3 before = Vec3::Zero();
+    Vec3 before = Vec3::zero();
     for (int i = 0; i < steps; ++i) {
       const Vec3 camera = to_cartesian({0.01 * i, 0.003 * i, clearance_m});
       const Vec3 anchor = anchor_for(camera, down, clearance_m);
@@ -412,7 +410,7 @@ TEST(Anchor, IsNearAsMeasuredByWhatIsSeen) {
 
 // Over fine ground it is among the posts, at their height; seen from afar it is as over any.
 TEST(Anchor, IsAmongFinePosts) {
-  const Vec3 down = -Vec3::UnitX();
+  const Vec3 down = -Vec3::unit_x();
   const FineGround fine{0.06, -1900};
   for (int i = 0; i < 300; ++i) {
     const Vec3 foot = to_cartesian({26 + 0.001 * i, 3.6, fine.height_m});

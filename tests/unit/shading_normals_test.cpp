@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <functional>
 #include <numbers>
@@ -34,7 +33,7 @@ Field field(int level, double lat, double lon, const std::function<double(int, i
     for (int c = -kHalo; c < side + kHalo; ++c) {
       const float h = static_cast<float>(height(r, c));
       f.heights.push_back(h);
-      if (r >= 0 && c >= 0 && r < side && c < side) f.block.vertices.push_back({h, Eigen::Vector3f::Zero()});
+      if (r >= 0 && c >= 0 && r < side && c < side) f.block.vertices.push_back({h, Vec3f::zero()});
     }
   fill_shading_normals(f.block, f.heights, kind);
   return f;
@@ -110,7 +109,7 @@ TEST(ShadingNormals, VoidsAreLeftOut) {
     }
   const Field lone = field(12, 10, 20, [&](int r, int c) { return r == 9 && c == 9 ? 100.0 : std::nan(""); });
   EXPECT_LT((lone.block.vertices[lone.block.index(9, 9)].normal.cast<double>() - up(lone.block, 9, 9)).norm(), 1e-6);
-  for (const auto& v : lone.block.vertices) ASSERT_TRUE(v.normal.allFinite());
+  for (const auto& v : lone.block.vertices) ASSERT_TRUE(v.normal.is_finite());
 }
 
 TEST(ShadingNormals, LowPassOfFilteredLevelsIsUndone) {
@@ -150,7 +149,7 @@ TEST(ShadingNormals, APoleHasTheVertical) {
   const Field f = field(8, 89.99, 20, [](int r, int c) { return 5.0 * r + c; });
   ASSERT_EQ(f.block.extent.lat1(), kLatTicks);
   for (int c = 0; c <= 64; ++c)
-    ASSERT_LT((f.block.vertices[f.block.index(64, c)].normal.cast<double>() - Vec3::UnitZ()).norm(), 1e-6);
+    ASSERT_LT((f.block.vertices[f.block.index(64, c)].normal.cast<double>() - Vec3::unit_z()).norm(), 1e-6);
 }
 
 }  // namespace

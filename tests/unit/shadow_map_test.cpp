@@ -38,7 +38,7 @@ class ShadowMapTest : public ::testing::Test {
                            [](double lat_deg, double) { return lat_deg > kEdge_deg / 2 ? kCliff_m : 0; });
     terrain_ = test::open_terrain(folder_->path());
     mesh_ = std::make_unique<Mesh>(*terrain_, around_the_cliff());
-    raster_ = std::make_unique<RasterMesh>(*mesh_, kMoonRadius_m * Vec3::UnitX());
+    raster_ = std::make_unique<RasterMesh>(*mesh_, kMoonRadius_m * Vec3::unit_x());
   }
   static void TearDownTestSuite() {
     raster_.reset(), mesh_.reset(), terrain_.reset();
@@ -78,7 +78,7 @@ SurfacePoints beside_the_ray(const Vec3& sun) {
   const Vec3 edge = to_cartesian({kEdge_deg, 1e-4, kCliff_m});  // 3 m from a post: the edge is a chord
   SurfacePoints p{};
   for (int i = 0; i < kPacket; ++i) {
-    const Vec3 at = edge - (20 + 20 * i) * sun + (i % 2 ? 0.05 : -0.05) * Vec3::UnitX();
+    const Vec3 at = edge - (20 + 20 * i) * sun + (i % 2 ? 0.05 : -0.05) * Vec3::unit_x();
     p.hit[i] = true, p.x[i] = at.x(), p.y[i] = at.y(), p.z[i] = at.z();
   }
   return p;

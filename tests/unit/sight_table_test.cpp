@@ -89,7 +89,7 @@ TEST(SightTableTest, DirectionsInvertPixels) {
 TEST(SightTableTest, JacobianIsTheDerivative) {
   const Lens lens(table_of(calibrated(), 21, 17));
   const double h = 1e-6;
-  const Eigen::Matrix2d j = lens.jacobian(0.3, -0.2);
+  const Mat2 j = lens.jacobian(0.3, -0.2);
   EXPECT_LT((j.col(0) - (lens.distorted(0.3 + h, -0.2) - lens.distorted(0.3 - h, -0.2)) / (2 * h)).norm(), 1e-8);
   EXPECT_LT((j.col(1) - (lens.distorted(0.3, -0.2 + h) - lens.distorted(0.3, -0.2 - h)) / (2 * h)).norm(), 1e-8);
 }
@@ -100,9 +100,9 @@ TEST(SightTableTest, BoundsItsScale) {
   const double step = 1e-6;
   for (double y = 0; y <= 256; y += 16)
     for (double x = 0; x <= 320; x += 16) {
-      const Vec3 direction = view.ray(x, y)->normalized(), across = direction.unitOrthogonal();
+      const Vec3 direction = view.ray(x, y)->normalized(), across = direction.unit_orthogonal();
       for (double angle = 0; angle < 6; angle += 0.4) {
-        const Vec3 turned = Eigen::AngleAxisd(angle, direction) * across;
+        const Vec3 turned = AngleAxis(angle, direction) * across;
         const auto moved = view.project(direction + step * turned);
         EXPECT_LE(std::hypot(moved->x - x, moved->y - y), step * view.pixels_per_metre_from(1));
       }
@@ -133,7 +133,7 @@ TEST(SightTableTest, RefusesWhatIsNoImage) {
   bad = good;
   for (Vec3& d : bad) d.x() = -d.x();
   EXPECT_NE(refused(5, 4, bad).find("+x"), std::string::npos);
-  EXPECT_NE(refused(5, 4, std::vector<Vec3>(20, Vec3::UnitZ())).find("+x"), std::string::npos);
+  EXPECT_NE(refused(5, 4, std::vector<Vec3>(20, Vec3::unit_z())).find("+x"), std::string::npos);
 }
 
 }  // namespace

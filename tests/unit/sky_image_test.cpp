@@ -43,8 +43,8 @@ class SkyOfAMoonWithoutRelief : public test::MoonWithoutRelief {
     request.visibility = Visibility::automatic;
     request.camera = test::square_camera(128, 20);
     const Vec3 place = to_cartesian({20, 30, 2e6});
-    request.pose = test::looking(place, place + Vec3(2e5, 1e5, -3e5), Vec3::UnitZ());
-    request.sun.direction = Vec3::UnitX();
+    request.pose = test::looking(place, place + Vec3(2e5, 1e5, -3e5), Vec3::unit_z());
+    request.sun.direction = Vec3::unit_x();
     request.band = Band(0.6, 0.1);
     request.sky.emplace();
     request.sky->utc = kUtc;
@@ -100,9 +100,9 @@ class SkyOfAMoonWithoutRelief : public test::MoonWithoutRelief {
     request.sky->stars.reset(), request.sky->utc = utc;
     (kind == SkyKind::sun ? request.sky->sun : request.sky->earth) = true;
     const Vec3 toward = kind == SkyKind::sun ? sun_at(utc).direction : earth_at(utc).direction;
-    request.pose = test::looking(5e6 * toward, toward, Vec3::UnitZ());
-    const Eigen::Quaterniond beside(Eigen::AngleAxisd(right_deg * kRadiansPerDegree, Vec3::UnitY()) *
-                                    Eigen::AngleAxisd(-below_deg * kRadiansPerDegree, Vec3::UnitX()));
+    request.pose = test::looking(5e6 * toward, toward, Vec3::unit_z());
+    const Quat beside(AngleAxis(right_deg * kRadiansPerDegree, Vec3::unit_y()) *
+                      AngleAxis(-below_deg * kRadiansPerDegree, Vec3::unit_x()));
     request.pose.camera_from_moon = beside * request.pose.camera_from_moon;
     return request;
   }
@@ -196,9 +196,9 @@ TEST_F(SkyOfAMoonWithoutRelief, MotionSmearsStarsAndKeepsTheirLight) {
 TEST_F(SkyOfAMoonWithoutRelief, TheMoonHidesWhatIsBehindItsLimb) {
   FrameRequest request = looking_up();
   const Vec3 place = request.pose.position_m, down = -place.normalized(),
-             across = down.cross(Vec3::UnitZ()).normalized();
+             across = down.cross(Vec3::unit_z()).normalized();
   const double limb = std::asin(kMoonRadius_m / place.norm());
-  request.pose = test::looking(place, std::cos(limb) * down + std::sin(limb) * across, Vec3::UnitZ());
+  request.pose = test::looking(place, std::cos(limb) * down + std::sin(limb) * across, Vec3::unit_z());
   request.camera = test::square_camera(256, 1);
   request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 0.02, 20);
   const auto sky = test::query_sky(renderer(), request);
@@ -241,7 +241,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheNearerOfMoonAndEarthHides) {
   for (const double toward_earth_m : {-5e6, earth.distance_m + 1e8}) {
     FrameRequest request = looking_beside(SkyKind::earth, kUtc, test::square_camera(128, 10), 0);
     const Vec3 ahead = toward_earth_m < 0 ? earth.direction : Vec3(-earth.direction);
-    request.pose = test::looking(toward_earth_m * earth.direction, ahead, Vec3::UnitZ());
+    request.pose = test::looking(toward_earth_m * earth.direction, ahead, Vec3::unit_z());
     request.sky->stars = grid_of_stars(ahead, 1, 0);
     EXPECT_EQ(test::query_sky(renderer(), request).at(0).hidden_by,
               toward_earth_m < 0 ? HiddenBy::moon : HiddenBy::earth);
@@ -302,8 +302,8 @@ TEST_F(SkyOfAMoonWithoutRelief, TheSunIsItsDisc) {
   const SunPosition sun = sun_at(kUtc);
   request.sun.direction = sun.direction, request.sun.distance_au = sun.distance_au;
   request.camera = test::square_camera(128, 2);
-  const Vec3 place = 1e7 * sun.direction.cross(Vec3::UnitZ()).normalized();
-  request.pose = test::looking(place, sun.direction, Vec3::UnitZ());
+  const Vec3 place = 1e7 * sun.direction.cross(Vec3::unit_z()).normalized();
+  request.pose = test::looking(place, sun.direction, Vec3::unit_z());
   const double flux = solar_irradiance_w_m2(*request.band) / (sun.distance_au * sun.distance_au);
   const double f = request.camera.fx, pixel_sr = 1 / (f * f);
   const SkyObject listed = test::query_sky(renderer(), request).at(0);
@@ -312,8 +312,8 @@ TEST_F(SkyOfAMoonWithoutRelief, TheSunIsItsDisc) {
   EXPECT_NEAR(b.x_px, listed.x_px, 0.01);
   EXPECT_NEAR(b.y_px, listed.y_px, 0.01);
   // The limb goes through the Sun's centre.
-  const Vec3 aside = sun.direction.cross(Vec3::UnitZ()).normalized();
-  request.pose = test::looking(kMoonRadius_m * aside - 8e6 * sun.direction, sun.direction, Vec3::UnitZ());
+  const Vec3 aside = sun.direction.cross(Vec3::unit_z()).normalized();
+  request.pose = test::looking(kMoonRadius_m * aside - 8e6 * sun.direction, sun.direction, Vec3::unit_z());
   const std::vector<float> half = renderer().render(request).products.radiance;
   double sum = 0;
   for (const float value : half) sum += value > 1e4F ? static_cast<double>(value) : 0;
@@ -328,7 +328,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
     request.camera = test::square_camera(256, 3);
     const Earth earth = earth_at(utc);
     const Vec3 place = 5e6 * earth.direction, sun = sun_at(utc).direction;
-    request.pose = test::looking(place, earth.direction, Vec3::UnitZ());
+    request.pose = test::looking(place, earth.direction, Vec3::unit_z());
     const SkyObject listed = test::query_sky(renderer(), request).at(0);
     const Blob b = blob(renderer().render(request).products.radiance, 256, listed.x_px, listed.y_px, 100);
     const double f = request.camera.fx;
@@ -340,9 +340,9 @@ TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
     const Vec3 across = (sun - sun.dot(listed.direction) * listed.direction).normalized();
     const auto toward = view.project(place + 1e9 * (listed.direction + 0.005 * across));
     ASSERT_TRUE(toward);
-    const Eigen::Vector2d light(b.x_px - listed.x_px, b.y_px - listed.y_px),
+    const Vec2 light(b.x_px - listed.x_px, b.y_px - listed.y_px),
         side(toward->x - listed.x_px, toward->y - listed.y_px);
-    EXPECT_GT(light.normalized().dot(side.normalized()), 0.999) << utc;
+    EXPECT_GT(light.dot(side) / (light.norm() * side.norm()), 0.999) << utc;
   }
 }
 
@@ -409,10 +409,10 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsAStarAsOften) {
   FrameRequest request = looking_up();
   request.camera.fx = request.camera.fy = 1 / (kPixel_deg * kRadiansPerDegree);
   request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 0);
-  const Eigen::Quaterniond middle = request.pose.camera_from_moon;
+  const Quat middle = request.pose.camera_from_moon;
   const auto turned = [&](double px) {
-    const Eigen::AngleAxisd turn(-px * kPixel_deg * kRadiansPerDegree, Vec3::UnitX());
-    return Eigen::Quaterniond(turn) * middle;
+    const AngleAxis turn(-px * kPixel_deg * kRadiansPerDegree, Vec3::unit_x());
+    return Quat(turn) * middle;
   };
   const double off_px = test::query_sky(renderer(), request).at(0).y_px - request.camera.cy;  // by aberration
   const auto times_shown = [&] {
@@ -431,7 +431,7 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsAStarAsOften) {
     EXPECT_NEAR(times_shown() / once, 1 / std::abs(step_px), 0.005 / std::abs(step_px)) << step_px;
   }
   // At rest: beside the line that all rows have, by up to a pixel.
-  request.shutter->rates.angular_rate_deg_s.setZero();
+  request.shutter->rates.angular_rate_deg_s = Vec3::zero();
   for (const double beside_px : {0.0, 0.4, 0.6, -0.9, 1.2}) {
     request.pose.camera_from_moon = turned(-off_px + beside_px);
     EXPECT_NEAR(times_shown() / once, 128 * std::max(1 - std::abs(beside_px), 0.0), 0.1) << beside_px;

@@ -1,7 +1,6 @@
 // Stars and bodies as they appear: catalogue, places, brightness.
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -20,6 +19,7 @@
 #include "engine/sky/star_catalogue.h"
 #include "tests/support/de431_planets.h"
 #include "tests/support/shared_data.h"
+#include "tests/support/vec_text.h"
 
 namespace selenograph::engine {
 namespace {
@@ -82,7 +82,7 @@ TEST(StarCatalogue, FindsByFieldWhatALookAtEachStarFinds) {
         if (row.v_mag <= 9 && std::atan2(at.cross(d).norm(), at.dot(d)) <= radius) expected.push_back(row.id);
       }
       std::sort(found.begin(), found.end()), std::sort(expected.begin(), expected.end());
-      EXPECT_EQ(found, expected) << towards.transpose() << " within " << radius;
+      EXPECT_EQ(found, expected) << towards << " within " << radius;
     }
 }
 
@@ -102,7 +102,7 @@ Star star_at(double ra_deg, double dec_deg, double pm_ra = 0, double pm_dec = 0,
 TEST(SkyObserver, MovesStarsTowardItsVelocity) {
   const std::string utc = "2026-11-25T00:00:00Z";
   const Vec3 velocity(0, 0, 3000);
-  const SkyObserver at_rest(utc, Vec3::Zero(), Vec3::Zero()), moving(utc, Vec3::Zero(), velocity);
+  const SkyObserver at_rest(utc, Vec3::zero(), Vec3::zero()), moving(utc, Vec3::zero(), velocity);
   const Vec3 along = at_rest.moon_me_from_icrf().transpose() * velocity.normalized();
   for (const double ra_deg : {0.0, 77.0, 200.0}) {
     const Vec3 before = at_rest.apparent(star_at(ra_deg, 30)), after = moving.apparent(star_at(ra_deg, 30));
@@ -113,7 +113,7 @@ TEST(SkyObserver, MovesStarsTowardItsVelocity) {
 }
 
 TEST(SkyObserver, MovesStarsByTheirProperMotion) {
-  const SkyObserver observer("2025-01-01T00:00:00Z", Vec3::Zero(), Vec3::Zero());
+  const SkyObserver observer("2025-01-01T00:00:00Z", Vec3::zero(), Vec3::zero());
   const double years = observer.years_since_j2000();
   EXPECT_NEAR(years, 25.0, 0.002);
   const Vec3 still = observer.apparent(star_at(100, 20)), moved = observer.apparent(star_at(100, 20, 0, 4000)),
@@ -125,7 +125,7 @@ TEST(SkyObserver, MovesStarsByTheirProperMotion) {
 
 TEST(SkyObserver, SeesSunAndEarthWhereTheEphemerisHasThem) {
   for (const char* utc : {"2001-02-03T04:05:06Z", "2026-11-25T00:00:00Z"}) {
-    const SkyObserver observer(utc, Vec3::Zero(), Vec3::Zero());
+    const SkyObserver observer(utc, Vec3::zero(), Vec3::zero());
     const SunPosition sun = sun_at(utc);
     const Earth earth = earth_at(utc);
     EXPECT_LT((observer.moon_me_from_icrf() * observer.sun().direction - sun.direction).norm(), 0.01 * kArcsec) << utc;
@@ -140,11 +140,11 @@ TEST(SkyObserver, SeesSunAndEarthWhereTheEphemerisHasThem) {
 // From 100 000 km beside the Moon the Earth is elsewhere by the angle that the step is wide.
 TEST(SkyObserver, SeesTheEarthFromWhereItIs) {
   const std::string utc = "2026-11-25T00:00:00Z";
-  const SkyObserver centre(utc, Vec3::Zero(), Vec3::Zero());
+  const SkyObserver centre(utc, Vec3::zero(), Vec3::zero());
   const ApparentBody from_centre = centre.planet(Planet::earth);
   const Vec3 toward = centre.moon_me_from_icrf() * from_centre.from_observer,
-             step = 1e8 * toward.cross(Vec3::UnitZ()).normalized();
-  const ApparentBody aside = SkyObserver(utc, step, Vec3::Zero()).planet(Planet::earth);
+             step = 1e8 * toward.cross(Vec3::unit_z()).normalized();
+  const ApparentBody aside = SkyObserver(utc, step, Vec3::zero()).planet(Planet::earth);
   EXPECT_NEAR(std::atan2(aside.from_observer.cross(from_centre.from_observer).norm(),
                          aside.from_observer.dot(from_centre.from_observer)),
               std::atan(1e8 / from_centre.distance_m), 5e-6);  // 0.04 s more of light are 1.3 km of the Earth's way
@@ -155,24 +155,24 @@ TEST(SkyObserver, SeesTheEarthFromWhereItIs) {
 TEST(SkyObserver, TakesStatesInPlaceOfItsTheories) {
   const std::string utc = "2026-11-25T00:01:00Z", before = "2026-11-25T00:00:00Z", after = "2026-11-25T00:02:00Z";
   const auto offset_m = [](const std::string& at, Planet planet) -> Vec3 {
-    const ApparentBody body = SkyObserver(at, Vec3::Zero(), Vec3::Zero()).planet(planet);
+    const ApparentBody body = SkyObserver(at, Vec3::zero(), Vec3::zero()).planet(planet);
     return body.distance_m * body.from_observer;
   };
   const Vec3 aside(3e7, -8e7, 5e7);
-  const SkyObserver theories(utc, aside, Vec3::Zero());
+  const SkyObserver theories(utc, aside, Vec3::zero());
   for (const Planet planet : {Planet::venus, Planet::mars, Planet::earth}) {
     const std::string name(planet_name(planet));
     BodyState state{offset_m(utc, planet), (offset_m(after, planet) - offset_m(before, planet)) / 120};
     const ApparentBody expected = theories.planet(planet),
-                       found = SkyObserver(utc, aside, Vec3::Zero(), {{name, state}}).planet(planet);
+                       found = SkyObserver(utc, aside, Vec3::zero(), {{name, state}}).planet(planet);
     EXPECT_LT(angle_between(found.from_observer, expected.from_observer), 0.002 * kArcsec) << name;
     EXPECT_NEAR(found.distance_m / expected.distance_m, 1, 1e-8) << name;
     EXPECT_NEAR(found.phase_deg, expected.phase_deg, 1e-6) << name;
     const Vec3 without_light_time = state.position_m - theories.moon_me_from_icrf().transpose() * aside;
     EXPECT_GT(angle_between(without_light_time, expected.from_observer), 0.004 * kArcsec) << name;
-    state.velocity_m_s.setZero();
-    state.position_m += 1e-4 * state.position_m.norm() * state.position_m.cross(Vec3::UnitZ()).normalized();
-    const ApparentBody moved = SkyObserver(utc, aside, Vec3::Zero(), {{name, state}}).planet(planet);
+    state.velocity_m_s = Vec3::zero();
+    state.position_m += 1e-4 * state.position_m.norm() * state.position_m.cross(Vec3::unit_z()).normalized();
+    const ApparentBody moved = SkyObserver(utc, aside, Vec3::zero(), {{name, state}}).planet(planet);
     EXPECT_GT(angle_between(moved.direction, expected.direction), 10 * kArcsec) << name;
   }
 }
@@ -199,8 +199,8 @@ TEST(Magnitudes, AreThoseOfMallamaAndHilton) {
 // What everybody saw: Venus and Jupiter beside each other on 1 March 2023, Saturn with open rings in 2017 (JPL
 // Horizons).
 TEST(Magnitudes, OfPlanetsAreThoseOfTheAlmanac) {
-  const SkyObserver march("2023-03-01T00:00:00Z", Vec3::Zero(), Vec3::Zero()),
-      june("2017-06-15T00:00:00Z", Vec3::Zero(), Vec3::Zero());
+  const SkyObserver march("2023-03-01T00:00:00Z", Vec3::zero(), Vec3::zero()),
+      june("2017-06-15T00:00:00Z", Vec3::zero(), Vec3::zero());
   EXPECT_NEAR(planet_magnitude(Planet::venus, march.planet(Planet::venus)), -3.95, 0.1);
   EXPECT_NEAR(planet_magnitude(Planet::jupiter, march.planet(Planet::jupiter)), -2.1, 0.1);
   EXPECT_NEAR(planet_magnitude(Planet::saturn, june.planet(Planet::saturn)), 0.0, 0.1);
@@ -214,7 +214,7 @@ TEST(Magnitudes, OfPlanetsAreThoseOfTheAlmanac) {
 TEST(Eclipse, IsThatOfTheCatalogue) {
   const auto shares = [](const char* time) {
     const std::string utc = "2025-03-14T" + std::string(time) + "Z";
-    const Vec3 toward_earth = earth_at(utc).direction, across = toward_earth.unitOrthogonal();
+    const Vec3 toward_earth = earth_at(utc).direction, across = toward_earth.unit_orthogonal();
     double least = 1, most = 0;
     for (int i = 0; i < 72; ++i) {  // around the limb, as the Earth sees it
       const double turn = 2 * std::numbers::pi * i / 72;
@@ -266,7 +266,7 @@ TEST(Planets, AreWhereDe431HasThemWithinTheStatedBounds) {
   const std::array<double, 7> stated_arcsec = {0.1, 0.2, 0.5, 0.5, 0.5, 2, 3};
   std::array<double, 7> worst_arcsec{};
   for (const PlanetEpoch& epoch : kDe431Planets) {
-    const SkyObserver observer(epoch.utc, Vec3::Zero(), Vec3::Zero());
+    const SkyObserver observer(epoch.utc, Vec3::zero(), Vec3::zero());
     for (std::size_t i = 0; i < 7; ++i) {
       const Vec3 found = observer.planet(other_planets()[i]).from_observer;
       const double off_arcsec = angle_between(found, epoch.direction(i)) * kDegreesPerRadian * 3600;

@@ -135,7 +135,7 @@ class GlareOfTheSun : public test::MoonWithoutRelief {
     request.visibility = Visibility::automatic;
     request.camera = test::square_camera(64, 10);
     const Vec3 place = to_cartesian({20, 30, 2e6}), up = place.normalized();
-    request.pose = test::looking(place, up, Vec3::UnitZ());
+    request.pose = test::looking(place, up, Vec3::unit_z());
     const View view(request.camera, request.pose);
     request.sun.direction = std::cos(sun_deg * kRadiansPerDegree) * up +
                             std::sin(sun_deg * kRadiansPerDegree) * view.moon_from_camera().col(0);
@@ -179,7 +179,7 @@ TEST_F(GlareOfTheSun, EndsAtItsAngleInTheFieldAndBehindTheMoon) {
   // Half of the Sun behind the limb, and all of it: the limb is that far below the horizontal.
   const Vec3 place = request.pose.position_m, up = place.normalized();
   const double limb_deg = 90 + std::acos(kMoonRadius_m / place.norm()) * kDegreesPerRadian;
-  const Eigen::Matrix3d axes = View(request.camera, request.pose).moon_from_camera();
+  const Mat3 axes = View(request.camera, request.pose).moon_from_camera();
   const auto toward = [&](double from_up_deg) {
     const double angle = from_up_deg * kRadiansPerDegree;
     return Vec3(std::cos(angle) * up + std::sin(angle) * axes.col(0));

@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <random>
 
 namespace selenograph::dem {
@@ -13,7 +12,7 @@ TEST(Surface, DistanceToAPlaneByHand) {
   // The plane x + y + z = 3 has distance sqrt(3) along the diagonal and 3 along an axis.
   const Triangle t{{3, 0, 0}, {0, 3, 0}, {0, 0, 3}};
   EXPECT_NEAR(*radial_distance(t, Vec3(1, 1, 1).normalized(), 0), std::sqrt(3.0), 1e-15);
-  EXPECT_NEAR(*radial_distance(t, Vec3::UnitX(), 1e-12), 3, 1e-15);
+  EXPECT_NEAR(*radial_distance(t, Vec3::unit_x(), 1e-12), 3, 1e-15);
   EXPECT_FALSE(radial_distance(t, Vec3(1, 1, -0.01).normalized(), 0));
   EXPECT_FALSE(radial_distance(t, -Vec3(1, 1, 1).normalized(), 0)) << "behind the centre";
   EXPECT_FALSE(radial_distance({t.a, t.c, t.b}, Vec3(1, 1, 1).normalized(), 0)) << "seen from inside out";

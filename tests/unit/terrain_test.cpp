@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -32,9 +32,10 @@ double bumpy(double lat, double lon) {
 // a) = 0.
 double plane_height(const Geographic& a, const Geographic& b, const Geographic& c, double lat, double lon) {
   Eigen::Matrix<long double, 3, 3> m;  // nearly parallel columns
-  m << to_cartesian(a).cast<long double>(), to_cartesian(b).cast<long double>(), to_cartesian(c).cast<long double>();
+  const auto precise = [](const Vec3& v) { return Eigen::Vector3<long double>(v.x(), v.y(), v.z()); };
+  m << precise(to_cartesian(a)), precise(to_cartesian(b)), precise(to_cartesian(c));
   // Weights w with m w = s * direction and sum(w) = 1.
-  const auto sum = (m.inverse() * to_cartesian({lat, lon, 0}).normalized().cast<long double>()).sum();
+  const auto sum = (m.inverse() * precise(to_cartesian({lat, lon, 0}).normalized())).sum();
   return static_cast<double>(1 / sum - static_cast<long double>(kMoonRadius_m));
 }
 

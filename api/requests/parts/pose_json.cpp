@@ -4,8 +4,9 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dem/base/error.h"
 
@@ -17,30 +18,25 @@ constexpr double kMinSine = 1e-8;
 
 // Returns camera_from_moon for a boresight and an up direction, both MOON_ME and unit; empty if they are parallel. The
 // rows of the matrix are the camera's axes in MOON_ME: x right, y down, z boresight.
-std::optional<Eigen::Quaterniond> camera_along(const Vec3& boresight, const Vec3& up) {
+std::optional<Quat> camera_along(const Vec3& boresight, const Vec3& up) {
   const Vec3 right = boresight.cross(up);
   if (right.norm() < kMinSine) return std::nullopt;
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon.row(0) = right.normalized();
-  camera_from_moon.row(1) = boresight.cross(right.normalized());
-  camera_from_moon.row(2) = boresight;
-  return Eigen::Quaterniond(camera_from_moon).normalized();
+  const auto camera_from_moon = Mat3::from_rows(right.normalized(), boresight.cross(right.normalized()), boresight);
+  return Quat(camera_from_moon).normalized();
 }
 
 // Returns camera_from_moon in OpenCV axes and MOON_ME, from a quaternion in the client's axes and body frame.
-Eigen::Quaterniond resolve_quaternion(const Eigen::Quaterniond& client_camera_from_body, CameraAxes axes,
-                                      const Eigen::Matrix3d& moon_me_from_body) {
+Quat resolve_quaternion(const Quat& client_camera_from_body, CameraAxes axes, const Mat3& moon_me_from_body) {
   // OpenGL's camera has y up and looks along -z: half a turn about x.
-  const Eigen::Quaterniond opencv_from_client =
-      axes == CameraAxes::opengl ? Eigen::Quaterniond(0, 1, 0, 0) : Eigen::Quaterniond::Identity();
-  const Eigen::Quaterniond body_from_moon_me(moon_me_from_body.transpose());
+  const Quat opencv_from_client = axes == CameraAxes::opengl ? Quat(0, 1, 0, 0) : Quat::identity();
+  const Quat body_from_moon_me(moon_me_from_body.transpose());
   return opencv_from_client * client_camera_from_body * body_from_moon_me;
 }
 
 // Returns camera_from_moon with the Moon's rotation axis up in the image. If the boresight is along that axis, as
 // straight down at a pole, the local north at the target defines up; empty if that is along the boresight too.
-std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const Vec3& target_north) {
-  if (const auto q = camera_along(boresight, Vec3::UnitZ())) return q;
+std::optional<Quat> camera_north_up(const Vec3& boresight, const Vec3& target_north) {
+  if (const auto q = camera_along(boresight, Vec3::unit_z())) return q;
   return camera_along(boresight, target_north);
 }
 
@@ -74,16 +70,18 @@ struct Up {
 
 // A rotation matrix, rows first.
 struct RotationMatrix {
-  using Value = Eigen::Matrix3d;
+  using Value = Mat3;
   static constexpr double kTolerance = 1e-6;
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
     const std::size_t before = in.faults();
-    Value m = Value::Zero();
-    Eigen::Index row = 0;
-    in.elements(3, 3,
-                [&](const JsonReader& element) { m.row(row++) = element.vector(kAnyNumber).value_or(Vec3::Zero()); });
+    Value transpose = Value::zero();
+    int row = 0;
+    in.elements(3, 3, [&](const JsonReader& element) {
+      transpose.col(row++) = element.vector(kAnyNumber).value_or(Vec3::zero());
+    });
     if (in.faults() != before) return std::nullopt;
-    const double error = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
+    const Value m = transpose.transpose();
+    const double error = (m * m.transpose() - Value::identity()).max_abs();
     if (!(error <= kTolerance)) {
       in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", error, kTolerance));
     } else if (m.determinant() < 0) {
@@ -99,31 +97,39 @@ struct RotationMatrix {
   OrderedJson schema(const Limits& limits) const { return array_schema(Vector{kAnyNumber}.schema(limits), 3, 3); }
 };
 
-Eigen::Quaterniond quaternion_of(const Eigen::Matrix3d& m) { return Eigen::Quaterniond(m).normalized(); }
+Quat quaternion_of(const Mat3& m) { return Quat(m).normalized(); }
+
+// Returns the length, also where squares of the components are not representable.
+double stable_norm(const Quat& q) {
+  const double largest = std::max({std::abs(q.x), std::abs(q.y), std::abs(q.z), std::abs(q.w)});
+  if (!(largest > std::numeric_limits<double>::min())) return largest;
+  const double scale = 1 / largest;
+  return largest * Quat(q.w * scale, q.x * scale, q.y * scale, q.z * scale).norm();
+}
 
 // Returns the quaternion normalised; one that is a unit to double precision keeps its bits.
-std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
-  const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
-  const double length = xyzw.stableNorm();
+std::optional<Quat> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
+  const Quat q(form.w, form.x, form.y, form.z);
+  const double length = stable_norm(q);
   if (length == 0) {
     in.fail("is zero: not an attitude");
   } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
     in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
   } else {
-    return Eigen::Quaterniond(is_unit(xyzw) ? xyzw : Eigen::Vector4d(xyzw / length));
+    return is_unit(q) ? q : Quat(q.w / length, q.x / length, q.y / length, q.z / length);
   }
   return std::nullopt;
 }
 
-const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
-  static const auto table = make_table<Members<QuaternionForm, Eigen::Quaterniond>>(
+const Members<QuaternionForm, Quat>& quaternion_members() {
+  static const auto table = make_table<Members<QuaternionForm, Quat>>(
       "Quaternion", "A unit quaternion. Its length must be within 0.001 of 1; it is normalised.", [](auto& m) {
         m.add("w", &QuaternionForm::w, Number{kAnyNumber}, "scalar part").required();
         m.add("x", &QuaternionForm::x, Number{kAnyNumber}, "vector part").required();
         m.add("y", &QuaternionForm::y, Number{kAnyNumber}, "vector part").required();
         m.add("z", &QuaternionForm::z, Number{kAnyNumber}, "vector part").required();
         m.resolve(resolve_unit);
-        m.unresolve([](const Eigen::Quaterniond& q) { return QuaternionForm{q.w(), q.x(), q.y(), q.z()}; });
+        m.unresolve([](const Quat& q) { return QuaternionForm{q.w, q.x, q.y, q.z}; });
       });
   return *table;
 }
@@ -144,8 +150,7 @@ void add_position(Members<Form, Value>& m) {
 
 // Returns moon_me_from_frame, the rotation of vectors of the form's frame into MOON_ME. ICRF without an epoch of its
 // own uses the Sun's, plus the time of a pose at a time (ReadContext::pose_time_s).
-std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
-                                             const ReadContext& context) {
+std::optional<Mat3> resolve_frame(const JsonReader& in, const PositionForm& form, const ReadContext& context) {
   // An epoch ("utc" or "et_s") orients ICRF against the Moon. With a body-fixed frame, which turns with the Moon, it
   // has no meaning: reject it, since a client that gives one probably meant ICRF. An empty `frame` is ICRF (PoseFrame).
   const bool has_epoch = form.utc || form.et_s;
@@ -166,8 +171,7 @@ std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const Positio
 }
 
 // Returns the position in MOON_ME; reports a frame that does not fit, and coordinates out of range.
-std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form,
-                                     const Eigen::Matrix3d& moon_me_from_frame) {
+std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form, const Mat3& moon_me_from_frame) {
   if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
     // Reject rather than guess: PA and ME differ by 860 m, and a silent mix-up would look plausible in every image.
     in.fail("geodetic", "is MOON_ME always; with another frame give position_m");
@@ -176,7 +180,7 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
   const Vec3 position_m = form.position_m ? Vec3(moon_me_from_frame * *form.position_m) : to_cartesian(*form.geodetic);
   // Check the range once more: rotating the position or adding the Moon's radius can leave it, and then the resolved
   // request would not be a valid request.
-  if ((position_m.array().abs() <= kCoordinate_m.max).all()) return position_m;
+  if (position_m.is_within(kCoordinate_m.max)) return position_m;
   in.fail(form.position_m ? "position_m" : "geodetic",
           fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
   return std::nullopt;
@@ -241,8 +245,8 @@ const Members<Nadir>& nadir_members() {
 }
 
 // Returns the attitude with the boresight from the camera to the point of the form.
-std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m,
-                                          const ReadContext& context) {
+std::optional<Quat> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m,
+                            const ReadContext& context) {
   double height_m = form.height_m;
   if (form.height_above_ground_m) {
     const auto resolved = resolve_above_ground(in, form.lat_deg, form.lon_deg, *form.height_above_ground_m, context);
@@ -256,12 +260,12 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
     return std::nullopt;
   }
   // Empty if the up direction is along the boresight, which leaves the roll undefined.
-  const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {
+  const auto attitude = [&]() -> std::optional<Quat> {
     switch (form.up.kind) {
       case ImageUp::Kind::direction:
         return camera_along(*boresight, form.up.direction);
       case ImageUp::Kind::zenith:
-        return camera_along(*boresight, position_m.stableNormalized());
+        return camera_along(*boresight, position_m.stable_normalized());
       case ImageUp::Kind::north:
         break;
     }
@@ -285,7 +289,7 @@ std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& for
 }
 
 // Returns the attitude with the boresight to the Moon's centre and the form's azimuth up in the image, then tilted.
-std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
+std::optional<Quat> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
   // Returns the level direction at an azimuth.
@@ -297,29 +301,29 @@ std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm
   Vec3 boresight = -local->up, up = level(nadir.up_azimuth_deg);
   if (nadir.tilt_deg != 0) {
     const Vec3 toward = level(nadir.azimuth_deg.value_or(nadir.up_azimuth_deg));
-    const Eigen::AngleAxisd tilt(nadir.tilt_deg * kRadiansPerDegree, boresight.cross(toward));
+    const AngleAxis tilt(nadir.tilt_deg * kRadiansPerDegree, boresight.cross(toward));
     boresight = tilt * boresight;
     up = tilt * up;
   }
   // camera_along() never returns empty here: `up` is perpendicular to the boresight.
-  return camera_along(boresight, up).value_or(Eigen::Quaterniond::Identity());
+  return camera_along(boresight, up).value_or(Quat::identity());
 }
 
 // Returns the attitude as given, in the client's axes and frame, from any of the four rotations.
-Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
+Quat camera_from_frame(const PoseForm& form) {
   if (form.camera_from_moon) return *form.camera_from_moon;
   if (form.moon_from_camera) return form.moon_from_camera->conjugate();
   return quaternion_of(form.camera_from_moon_matrix ? *form.camera_from_moon_matrix
-                                                    : Eigen::Matrix3d(form.moon_from_camera_matrix->transpose()));
+                                                    : Mat3(form.moon_from_camera_matrix->transpose()));
 }
 
 // Returns the pose in MOON_ME and OpenCV axes: frame first, then position, then the attitude, which may depend on both.
 std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext& context) {
-  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
+  const std::optional<Mat3> moon_me_from_frame = resolve_frame(in, form, context);
   if (!moon_me_from_frame) return std::nullopt;
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
-  std::optional<Eigen::Quaterniond> attitude;
+  std::optional<Quat> attitude;
   if (form.look_at) {
     attitude = look_at(in.at("look_at"), *form.look_at, *position_m, context);
   } else if (form.nadir) {
@@ -351,21 +355,17 @@ const Members<Upright>& upright_members() {
 }
 
 // Returns moon_from_object with the z axis up and the x axis at the form's azimuth.
-std::optional<Eigen::Quaterniond> upright_attitude(const JsonReader& in, const ObjectPoseForm& pose,
-                                                   const Vec3& position_m) {
+std::optional<Quat> upright_attitude(const JsonReader& in, const ObjectPoseForm& pose, const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
   const double azimuth_rad = pose.upright->azimuth_deg * kRadiansPerDegree;
-  Eigen::Matrix3d moon_from_object;  // its columns are the object's axes in MOON_ME
-  moon_from_object.col(0) = std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
-  moon_from_object.col(2) = local->up;
-  moon_from_object.col(1) = local->up.cross(Vec3(moon_from_object.col(0)));
-  return Eigen::Quaterniond(moon_from_object).normalized();
+  const Vec3 x = std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
+  return Quat(Mat3(x, local->up.cross(x), local->up)).normalized();
 }
 
 std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form,
                                               const ReadContext& context) {
-  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
+  const std::optional<Mat3> moon_me_from_frame = resolve_frame(in, form, context);
   if (!moon_me_from_frame) return std::nullopt;
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
@@ -375,9 +375,8 @@ std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const Object
     return ObjectPose{*position_m, canonical(*attitude)};
   }
   // The attitude is relative to the form's frame, "moon" in the members' names; rotate it into MOON_ME.
-  const Eigen::Quaterniond frame_from_object =
-      form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
-  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(*moon_me_from_frame) * frame_from_object)};
+  const Quat frame_from_object = form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
+  return ObjectPose{*position_m, canonical(Quat(*moon_me_from_frame) * frame_from_object)};
 }
 
 ObjectPoseForm form_of(const ObjectPose& pose) {
@@ -391,15 +390,14 @@ ObjectPoseForm form_of(const ObjectPose& pose) {
 
 std::string EpochForm::as_utc() const { return et_s ? engine::utc_of_et(*et_s) : utc.value_or(std::string()); }
 
-Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
-  if (!is_unit(q.coeffs())) q.normalize();
-  for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
+Quat canonical(Quat q) {
+  if (!is_unit(q)) q = q.normalized();
+  for (const double component : {q.w, q.x, q.y, q.z}) {
     if (component == 0) continue;
-    if (component < 0) q.coeffs() = -q.coeffs();
+    if (component < 0) q = {-q.w, -q.x, -q.y, -q.z};
     break;
   }
-  q.coeffs().array() += 0.0;  // turns -0 into 0
-  return q;
+  return {q.w + 0.0, q.x + 0.0, q.y + 0.0, q.z + 0.0};  // turns -0 into 0
 }
 
 const Members<Geographic>& place_members() {

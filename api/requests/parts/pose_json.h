@@ -18,6 +18,7 @@
 
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
+#include "dem/grid/rotation.h"
 #include "engine/frame/pose.h"
 #include "engine/sky/ephemeris.h"
 
@@ -94,7 +95,7 @@ struct PositionForm : EpochForm {
 // Up direction of an image: north, the local vertical below the camera, or a vector.
 struct ImageUp {
   enum class Kind { north, zenith, direction } kind = Kind::north;
-  Vec3 direction = Vec3::Zero();  // unit, MOON_ME
+  Vec3 direction = Vec3::zero();  // unit, MOON_ME
 };
 // Boresight through a point, which need not lie on the terrain.
 struct LookAt {
@@ -110,8 +111,8 @@ struct Nadir {
 };
 // A camera's pose as a client writes it: exactly one of the attitudes is given.
 struct PoseForm : PositionForm {
-  std::optional<Eigen::Quaterniond> camera_from_moon, moon_from_camera;
-  std::optional<Eigen::Matrix3d> camera_from_moon_matrix, moon_from_camera_matrix;
+  std::optional<Quat> camera_from_moon, moon_from_camera;
+  std::optional<Mat3> camera_from_moon_matrix, moon_from_camera_matrix;
   std::optional<LookAt> look_at;
   std::optional<Nadir> nadir;
   CameraAxes axes = CameraAxes::opencv;
@@ -120,12 +121,12 @@ const Members<PoseForm, engine::Pose>& pose_members();
 
 // Returns q or -q, which are the same attitude: the first non-zero component of w, x, y, z is positive, and no zero is
 // negative. Thus an attitude has one text and one content hash.
-Eigen::Quaterniond canonical(Eigen::Quaterniond q);
+Quat canonical(Quat q);
 
 // An object's pose in MOON_ME.
 struct ObjectPose {
-  Vec3 position_m = Vec3::Zero();
-  Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();
+  Vec3 position_m = Vec3::zero();
+  Quat moon_from_object = Quat::identity();
 };
 // Attitude of an object whose z axis is the local vertical.
 struct Upright {
@@ -133,7 +134,7 @@ struct Upright {
 };
 // An object's pose as a client writes it: exactly one of the attitudes is given.
 struct ObjectPoseForm : PositionForm {
-  std::optional<Eigen::Quaterniond> moon_from_object, object_from_moon;
+  std::optional<Quat> moon_from_object, object_from_moon;
   std::optional<Upright> upright;
 };
 const Members<ObjectPoseForm, ObjectPose>& object_pose_members();

@@ -92,7 +92,7 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
   pose.camera_from_moon = canonical(pose.camera_from_moon);
   // Check the result's range: Hermite polynomials overshoot if the poses' times are much more uneven than their
   // positions.
-  if (!(pose.position_m.array().abs() <= kCoordinate_m.max).all())
+  if (!pose.position_m.is_within(kCoordinate_m.max))
     in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
 }
 

@@ -83,7 +83,7 @@ const Members<BodyStates>& body_states_members() {
 // Reports states that nothing uses, and those that are far from where the service has the body: in kilometres, say, or
 // relative to the Earth.
 void check_states(const JsonReader& in, const SkyOptions& options) {
-  const engine::SkyObserver moon(options.utc, Vec3::Zero(), Vec3::Zero());
+  const engine::SkyObserver moon(options.utc, Vec3::zero(), Vec3::zero());
   const auto check = [&](std::string_view name, bool is_used, const char* flag, const auto& theory) {
     const auto found = options.states.find(name);
     if (found == options.states.end()) return;
@@ -119,7 +119,7 @@ std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form,
       return std::nullopt;
     }
     if (!options.states.empty()) check_states(in, options);
-    const Eigen::Matrix3d moon_me_from_icrf = engine::moon_me_from_icrf(options.utc);
+    const Mat3 moon_me_from_icrf = engine::moon_me_from_icrf(options.utc);
     if (form.velocity_m_s)
       options.velocity_m_s =
           (form.velocity_frame ? engine::moon_me_from(*form.velocity_frame) : moon_me_from_icrf) * *form.velocity_m_s;
@@ -135,7 +135,7 @@ SkyForm form_of(const SkyOptions& options) {
   SkyForm form;
   form.utc = options.utc;
   form.options = options;
-  if (!options.velocity_m_s.isZero(0)) form.velocity_m_s = options.velocity_m_s;
+  if (options.velocity_m_s != Vec3::zero()) form.velocity_m_s = options.velocity_m_s;
   if (options.earth_map.content) form.earth_map = {options.earth_map.name, options.earth_map.content};
   return form;
 }

@@ -208,12 +208,13 @@ void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, 
   rtcCommitGeometry(new_geometry);
 }
 
-void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of,
-                               const Eigen::Affine3f& scene_from_instance) {
+void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of, const Affine& scene_from_instance) {
   RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
   rtcSetGeometryInstancedScene(new_geometry, of.impl_->scene);
-  const Eigen::Matrix<float, 3, 4> columns = scene_from_instance.affine();
-  rtcSetGeometryTransform(new_geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  Vec3f columns[4];
+  for (int i = 0; i < 3; ++i) columns[i] = scene_from_instance.linear.col(i).cast<float>();
+  columns[3] = scene_from_instance.translation.cast<float>();
+  rtcSetGeometryTransform(new_geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
   rtcCommitGeometry(new_geometry);
 }
 

@@ -1,7 +1,6 @@
 // Wraps Embree 3.13 and 4: no other file includes its headers or names its types.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -9,6 +8,7 @@
 #include <span>
 
 #include "dem/base/stop_token.h"
+#include "engine/support/affine.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -63,7 +63,7 @@ class EmbreeScene {
                      const std::function<void(std::span<float>)>& vertices,
                      const std::function<void(std::span<std::uint32_t>)>& triangles);
   // Adds an instance of another scene, which must be built, use the same number of threads, and outlive this one.
-  void set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& scene_from_instance);
+  void set_instance(std::size_t geometry, const EmbreeScene& of, const Affine& scene_from_instance);
   // Builds the acceleration structure after all geometries are set, in the caller's task arena. Throws
   // std::runtime_error when that fails, most likely for lack of memory; Cancelled when `stop` says so.
   void build(const StopToken& stop = {});

@@ -1,11 +1,11 @@
 // Many objects of few shapes as instances in one acceleration structure.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 
+#include "engine/support/affine.h"
 #include "engine/visibility/embree/embree.h"
 #include "engine/visibility/embree/object_tracer.h"
 
@@ -16,7 +16,7 @@ class ObjectGroup {
   static constexpr std::uint32_t kNone = ~0U;
   struct Instance {
     const ObjectTracer* tracer;
-    Eigen::Affine3f group_from_tracer;  // transforms tracer coordinates to those of the group
+    Affine group_from_tracer;  // transforms tracer coordinates to those of the group
   };
 
   // Calls `instance` for each index below `count`; the instances' tracers must outlive the group.

@@ -13,7 +13,7 @@ ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle, const S
       [&](std::span<float> out) {
         float* vertex = out.data();
         for (const ObjectCorner& corner : shape.corners) {
-          const Eigen::Vector3f relative = (corner.place.cast<double>() - middle).cast<float>();
+          const Vec3f relative = (corner.place.cast<double>() - middle).cast<float>();
           vertex = std::copy_n(relative.data(), 3, vertex);
         }
       },

@@ -31,7 +31,7 @@ std::optional<double> distance_to(const Mesh& mesh, const TriangleId& id, const 
   const Vec3 from_a = distance * direction - to_a;
   const double v = from_a.cross(ac).dot(normal);
   const double w = ab.cross(from_a).dot(normal);
-  const double area2 = normal.squaredNorm();
+  const double area2 = normal.squared_norm();
   if (!(distance > 0 && v >= -kEdge * area2 && w >= -kEdge * area2 && v + w <= (1 + kEdge) * area2))
     return std::nullopt;
   return distance;
@@ -60,7 +60,7 @@ ViewMarks::ViewMarks(const RowViews& views, int margin_px) {
   const double top = margin_px;
   const double right = camera.width - 1 - margin_px;
   const double bottom = views.height() - 1 - margin_px;
-  const auto boresight = views.reference().projection().image(Vec3::UnitZ());
+  const auto boresight = views.reference().projection().image(Vec3::unit_z());
   const double x = boresight ? boresight->x : left - 1;
   const double y = !boresight || views.vary() ? (top + bottom) / 2 : boresight->y;
   if (x >= left - 0.5 && x <= right + 0.5 && y >= top - 0.5 && y <= bottom + 0.5) set_mark(kBoresight, x, y);

@@ -59,7 +59,7 @@ class ViewMarks {
     int column = -1, row = -1;
     bool hit = false;
     TriangleId triangle;
-    Vec3 point = Vec3::Zero();
+    Vec3 point = Vec3::zero();
     dem::SourceIndex source = dem::kNoSource;
   };
   void set_mark(std::size_t mark, double x_px, double y_px);

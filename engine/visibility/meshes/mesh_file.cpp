@@ -5,7 +5,6 @@
 #include <assimp/scene.h>
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <assimp/IOStream.hpp>
 #include <assimp/IOSystem.hpp>
@@ -109,15 +108,15 @@ void check_instances(const aiScene& scene, std::size_t max_bytes) {
   if (bytes > static_cast<double>(max_bytes)) refuse_size(bytes, max_bytes);
 }
 
-Eigen::Vector3f vector_of(const aiVector3D& v) { return {v.x, v.y, v.z}; }
+Vec3f vector_of(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 
 void add_corners(const aiMesh& mesh, ObjectShape& out) {
   for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
-    const Eigen::Vector3f position = vector_of(mesh.mVertices[i]);
-    const Eigen::Vector3f normal = mesh.HasNormals() ? vector_of(mesh.mNormals[i]) : Eigen::Vector3f::Zero();
-    if (!position.allFinite()) throw std::runtime_error("has a corner that is not finite");
-    const bool usable = normal.allFinite() && normal.norm() > 0;
-    out.corners.push_back({position, usable ? Eigen::Vector3f(normal.normalized()) : Eigen::Vector3f::Zero()});
+    const Vec3f position = vector_of(mesh.mVertices[i]);
+    const Vec3f normal = mesh.HasNormals() ? vector_of(mesh.mNormals[i]) : Vec3f::zero();
+    if (!position.is_finite()) throw std::runtime_error("has a corner that is not finite");
+    const bool usable = normal.is_finite() && normal.norm() > 0;
+    out.corners.push_back({position, usable ? Vec3f(normal.normalized()) : Vec3f::zero()});
   }
 }
 
@@ -131,7 +130,7 @@ void add_triangles(const aiMesh& mesh, std::uint32_t first_corner, ObjectShape& 
       t.corner[k] = first_corner + face.mIndices[k];
     }
     const Vec3 a = out.place(t, 0), ab = out.place(t, 1) - a, ac = out.place(t, 2) - a;
-    if (ab.cross(ac).squaredNorm() > 0) out.triangles.push_back(t);
+    if (ab.cross(ac).squared_norm() > 0) out.triangles.push_back(t);
   }
 }
 

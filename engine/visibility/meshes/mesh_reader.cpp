@@ -52,7 +52,7 @@ ObjectShape shape_of(std::string_view bytes, const std::string& path) {
     shape.parts.emplace_back(bytes.substr(0, bytes.find('\0')));
     bytes.remove_prefix(shape.parts.back().size() + 1);
   }
-  const auto is_finite = [](const ObjectCorner& c) { return c.place.allFinite() && c.normal.allFinite(); };
+  const auto is_finite = [](const ObjectCorner& c) { return c.place.is_finite() && c.normal.is_finite(); };
   const auto is_inside = [&](const ObjectTriangle& t) {
     return std::ranges::max(t.corner) < shape.corners.size() && t.part < shape.parts.size();
   };

@@ -50,11 +50,10 @@ HWY_EXPORT(FindCells);
 
 // Returns a matrix S such that half the extent of the ellipsoid along a unit vector n is sqrt(n' S n). The ellipsoid is
 // enlarged by the rounding error of float relative to the anchor, since float decides which triangle a ray hits.
-Eigen::Matrix3d squares_of(const Ellipsoid& e, const Vec3& anchor_m) {
+Mat3 squares_of(const Ellipsoid& e, const Vec3& anchor_m) {
   constexpr double kLarger = 0x1p-8;  // (a + b)^2 <= (1 + k) a^2 + (1 + 1 / k) b^2
   const double off = 0x1p-20 * ((e.centre_m - anchor_m).norm() + e.axes_m.norm());
-  return (1 + kLarger) * (e.axes_m * e.axes_m.transpose()) +
-         (1 + 1 / kLarger) * off * off * Eigen::Matrix3d::Identity();
+  return (1 + kLarger) * (e.axes_m * e.axes_m.transpose()) + (1 + 1 / kLarger) * off * off * Mat3::identity();
 }
 
 float rounded_up(double value) {
@@ -62,7 +61,7 @@ float rounded_up(double value) {
 }
 
 // Returns half the extent along n of the ellipsoid with this matrix.
-double reach_along(const Vec3& n, const Eigen::Matrix3d& squares) { return std::sqrt(n.dot(squares * n)); }
+double reach_along(const Vec3& n, const Mat3& squares) { return std::sqrt(n.dot(squares * n)); }
 
 // Returns the slopes of the silhouette of an ellipsoid along an axis of the image: of the planes through the origin
 // that touch it. Arguments are its centre across and forward, and its matrix entries for across, both, and forward. A
@@ -86,7 +85,7 @@ std::pair<double, double> silhouette_slopes(double across, double forward, doubl
 EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor_m,
                                        std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
-  const Vec3 right = direction.unitOrthogonal(), down = direction.cross(right);
+  const Vec3 right = direction.unit_orthogonal(), down = direction.cross(right);
   for (int k = 0; k < 3; ++k) {
     images.maps_[0][k] = right[k];
     images.maps_[1][k] = down[k];
@@ -99,7 +98,7 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
   for (const Ellipsoid& ellipsoid : ellipsoids) {
-    const Eigen::Matrix3d squares = squares_of(ellipsoid, anchor_m);
+    const Mat3 squares = squares_of(ellipsoid, anchor_m);
     const double column_m = right.dot(ellipsoid.centre_m);
     const double row_m = down.dot(ellipsoid.centre_m);
     const double half_width = reach_along(right, squares);
@@ -112,7 +111,7 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
   return images;
 }
 
-EllipsoidImages EllipsoidImages::from(const Vec3& origin_m, const Eigen::Matrix3d& axes, double widest_slope,
+EllipsoidImages EllipsoidImages::from(const Vec3& origin_m, const Mat3& axes, double widest_slope,
                                       std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
   for (int axis = 0; axis < 3; ++axis)
@@ -120,8 +119,8 @@ EllipsoidImages EllipsoidImages::from(const Vec3& origin_m, const Eigen::Matrix3
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
   for (const Ellipsoid& ellipsoid : ellipsoids) {
-    const Vec3 centre = axes.transpose() * (ellipsoid.centre_m - origin_m);
-    const Eigen::Matrix3d squares = axes.transpose() * squares_of(ellipsoid, origin_m) * axes;
+    const Vec3 centre = axes.transpose_times(ellipsoid.centre_m - origin_m);
+    const Mat3 squares = axes.transpose_times(squares_of(ellipsoid, origin_m)) * axes;
     if (centre.z() <= -std::sqrt(squares(2, 2))) continue;  // behind
     const auto [left, right] = silhouette_slopes(centre.x(), centre.z(), squares(0, 0), squares(0, 2), squares(2, 2));
     const auto [top, bottom] = silhouette_slopes(centre.y(), centre.z(), squares(1, 1), squares(1, 2), squares(2, 2));

@@ -15,7 +15,7 @@ namespace selenograph::engine {
 // The points centre + axes u with |u| <= 1.
 struct Ellipsoid {
   Vec3 centre_m;
-  Eigen::Matrix3d axes_m;
+  Mat3 axes_m;
 };
 
 class EllipsoidImages {
@@ -24,7 +24,7 @@ class EllipsoidImages {
   static EllipsoidImages along(const Vec3& direction, const Vec3& anchor_m, std::span<const Ellipsoid> ellipsoids);
   // Makes images for rays from a common origin. `axes`: right, down and forward in the image. Cells cover slopes x/z
   // and y/z up to widest_slope; outside, every ray may hit an ellipsoid.
-  static EllipsoidImages from(const Vec3& origin_m, const Eigen::Matrix3d& axes, double widest_slope,
+  static EllipsoidImages from(const Vec3& origin_m, const Mat3& axes, double widest_slope,
                               std::span<const Ellipsoid> ellipsoids);
 
   // Returns the requested lanes whose rays may hit an ellipsoid, one bit each. Parallel rays are given by their

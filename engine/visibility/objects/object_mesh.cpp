@@ -2,11 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 
 #include "dem/base/hash.h"
 #include "dem/base/quantile.h"
+#include "engine/support/box.h"
 
 namespace selenograph::engine {
 namespace {
@@ -25,7 +25,7 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
 // Returns the largest rounding error of the coordinates, which are read as float.
 double rounding_of(const ObjectShape& shape) {
   float largest = 0;
-  for (const ObjectCorner& corner : shape.corners) largest = std::max(largest, corner.place.cwiseAbs().maxCoeff());
+  for (const ObjectCorner& corner : shape.corners) largest = std::max(largest, corner.place.max_abs());
   return static_cast<double>(largest) * 0x1p-24;
 }
 
@@ -85,10 +85,10 @@ ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& median, std::v
 }
 
 ObjectMesh::Bounds ObjectMesh::bounds_of() const {
-  Eigen::AlignedBox3d box;
+  Box3 box;
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) box.extend(shape_.place(t, k));
-  Bounds bounds{box.center(), box.center(), 0};
+  Bounds bounds{box.centre(), box.centre(), 0};
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) bounds.radius = std::max(bounds.radius, (shape_.place(t, k) - bounds.centre).norm());
   if (bounds.radius > median_.core()) bounds.middle = median_.position;

@@ -44,7 +44,7 @@ class ObjectMesh {
  private:
   // The median position of the corners in use, and the median distance from it.
   struct Median {
-    Vec3 position = Vec3::Zero();
+    Vec3 position = Vec3::zero();
     double distance = 0;
     double core() const { return 16 * distance; }  // radius that contains a well-formed object
   };

@@ -1,6 +1,5 @@
 #include "engine/visibility/objects/objects_in_frame.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
+#include "engine/support/box.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "engine/visibility/objects/rock_shapes.h"
 
@@ -25,10 +25,10 @@ struct BallEntry {
 
 // Returns where a ray enters a ball.
 BallEntry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) {
-  const double a = direction.squaredNorm();
+  const double a = direction.squared_norm();
   const double middle = -from_centre.dot(direction) / a;
   // Compute the perpendicular as a vector: the difference of squares would lose it for a ray from afar.
-  const double off2 = (from_centre + middle * direction).squaredNorm();
+  const double off2 = (from_centre + middle * direction).squared_norm();
   const double inside2 = radius * radius - off2;
   if (inside2 <= 0) return {false, 0};
   const double half_chord = std::sqrt(inside2 / a);
@@ -40,7 +40,7 @@ BallEntry enter_ball(const Vec3& from_centre, const Vec3& direction, double radi
 class Cone {
  public:
   explicit Cone(const Rays& rays) {
-    Vec3 unit[kPacket], sum = Vec3::Zero();
+    Vec3 unit[kPacket], sum = Vec3::zero();
     for (int i = 0; i < kPacket; ++i) {
       if (!rays.valid[i]) continue;
       unit[i] = rays.direction(i).normalized();
@@ -54,7 +54,7 @@ class Cone {
     axis_ = sum.normalized();
     double widest2 = 0;
     for (int i = 0; i < kPacket; ++i)
-      if (rays.valid[i]) widest2 = std::max(widest2, (unit[i] - axis_).squaredNorm());
+      if (rays.valid[i]) widest2 = std::max(widest2, (unit[i] - axis_).squared_norm());
     spread_ = angle_of_chord(std::sqrt(widest2));
   }
 
@@ -72,7 +72,7 @@ class Cone {
  private:
   static double angle_of_chord(double chord) { return 2 * std::asin(std::min(1.0, chord / 2)); }
 
-  Vec3 apex_ = Vec3::Zero(), axis_;
+  Vec3 apex_ = Vec3::zero(), axis_;
   double spread_;        // largest angle between a ray and the axis, radians
   double spread_m_ = 0;  // largest distance of a ray's origin from the apex
   bool empty_ = true;
@@ -80,10 +80,10 @@ class Cone {
 
 // Returns a ball around the points of some lanes.
 Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
-  Eigen::AlignedBox3d box;
+  Box3 box;
   for (int i = 0; i < kPacket; ++i)
     if (lanes >> i & 1) box.extend(points.position(i));
-  return {box.center(), box.diagonal().norm() / 2};
+  return {box.centre(), box.size().norm() / 2};
 }
 
 // Returns whether rays in a (unit) direction from inside one ball may hit another ball.
@@ -91,7 +91,7 @@ bool may_block(const Ball& from, const Vec3& toward, const Ball& ball) {
   const Vec3 to = ball.centre_m - from.centre_m;
   const double distance_along = to.dot(toward);
   const double reach = from.radius_m + ball.radius_m;
-  return distance_along >= -reach && (to - distance_along * toward).squaredNorm() <= reach * reach;
+  return distance_along >= -reach && (to - distance_along * toward).squared_norm() <= reach * reach;
 }
 
 // Sets lane i to a ray, rounded to float, and activates it (Embree's mask of -1).
@@ -147,9 +147,9 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& view
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks,
                                const StopToken& stop)
     : ObjectsInFrame(request, nullptr) {
-  Eigen::AlignedBox3d box;
+  Box3 box;
   for (const dem::RockFeature& rock : rocks) box.extend(rock.position_m);
-  if (!rocks.empty()) place_rocks(rocks, box.center(), nullptr, stop);
+  if (!rocks.empty()) place_rocks(rocks, box.centre(), nullptr, stop);
 }
 
 // Adds rocks, then the soil against them, to placed_. Builds the structures that rays find them by: one group around
@@ -160,9 +160,9 @@ void ObjectsInFrame::place_rocks(std::span<const dem::RockFeature> rocks, const 
   first_rock_ = placed_.size();
   shadings_.push_back(shadings_of({{request_.reflectance, request_.temperature_k}}));
   const auto add_shape = [&](const PlacedShape& shape, std::size_t number, bool soil) {
-    const Eigen::Matrix3d stretch = shape.from_mesh.linear();  // with the rotation
+    const Mat3 stretch = shape.from_mesh.linear;  // with the rotation
     Placed added =
-        placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation(), stretch, stretch.inverse(),
+        placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation, stretch, stretch.inverse(),
                stretch.norm());  // an upper bound of the scale
     added.in_view = true;
     added.number = static_cast<std::uint16_t>(first_rock_ + number);
@@ -198,7 +198,7 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
     : request_(request), single_origin_(views && !views->vary()) {
   shadings_.reserve(request.objects.size() + 1);  // Placed::part_shadings points into it
   for (const SceneObject& object : request.objects) {
-    const Eigen::Matrix3d turned = object.moon_from_object.toRotationMatrix();
+    const Mat3 turned = object.moon_from_object.matrix();
     Placed p =
         placed(*object.mesh, object.position_m, object.scale * turned, turned.transpose() / object.scale, object.scale);
     p.number = static_cast<std::uint16_t>(placed_.size());
@@ -215,8 +215,8 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
 
 // Places a mesh. The caller sets in_view, number, soil and part_shadings.
 ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3& position_m,
-                                              const Eigen::Matrix3d& moon_from_object,
-                                              const Eigen::Matrix3d& object_from_moon, double scale) const {
+                                              const Mat3& moon_from_object, const Mat3& object_from_moon,
+                                              double scale) const {
   Placed p;
   p.mesh = &mesh;
   p.object_from_moon = object_from_moon;
@@ -255,9 +255,7 @@ void ObjectsInFrame::build_rock_group(const Vec3& anchor_m, const StopToken& sto
       placed_.size() - first_rock_,
       [&](std::size_t i) {
         const Placed& p = placed_[first_rock_ + i];
-        Eigen::Affine3f group_from_tracer;
-        group_from_tracer.linear() = p.object_from_moon.inverse().cast<float>();
-        group_from_tracer.translation() = (p.tracer_origin - anchor_m_).cast<float>();
+        const Affine group_from_tracer{p.object_from_moon.inverse(), p.tracer_origin - anchor_m_};
         return ObjectGroup::Instance{&p.mesh->tracer(), group_from_tracer};
       },
       stop);
@@ -348,7 +346,7 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   if (!(distance > 0 && distance < nearest[i])) return;
   nearest[i] = distance;
   const Vec3 hit_from_a = origin_from_a + distance * direction;
-  const double area2 = normal.squaredNorm();
+  const double area2 = normal.squared_norm();
   const double v = normal.dot(hit_from_a.cross(ac)) / area2;
   const double w = normal.dot(ab.cross(hit_from_a)) / area2;
   const auto corner = [&](std::size_t k) -> Vec3 { return shape.corners[t.corner[k]].normal.cast<double>(); };

@@ -99,7 +99,7 @@ class ObjectsInFrame {
   struct Placed {
     const ObjectMesh* mesh;
     // Maps vectors to the object, including its scale; `normals` maps its normals to MOON_ME, not to unit length.
-    Eigen::Matrix3d object_from_moon, normals;
+    Mat3 object_from_moon, normals;
     Vec3 position, tracer_origin;  // MOON_ME, m; tracer_origin: the origin of the rays of the tracer
     double scale;
     Ball ball;
@@ -113,8 +113,8 @@ class ObjectsInFrame {
   };
 
   // Places a mesh. `scale`: upper bound of the factor by which lengths grow.
-  Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Matrix3d& moon_from_object,
-                const Eigen::Matrix3d& object_from_moon, double scale) const;
+  Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Mat3& moon_from_object,
+                const Mat3& object_from_moon, double scale) const;
   std::vector<PartShading> shadings_of(const std::vector<Material>& materials) const;
   // Adds the rocks and their soil. `views` null: soil against all rocks; otherwise where it is high enough in the
   // image.
@@ -139,7 +139,7 @@ class ObjectsInFrame {
   std::optional<ObjectGroup> rocks_;
   // images of rocks: for rays of a camera with a single origin, and for rays toward the Sun
   std::optional<EllipsoidImages> in_image_, toward_sun_;
-  Vec3 anchor_m_ = Vec3::Zero();
+  Vec3 anchor_m_ = Vec3::zero();
   double rocks_radius_m_ = 0;  // radius of the bounding sphere of all rocks around the anchor
   bool any_in_view_ = false, single_origin_;
 };

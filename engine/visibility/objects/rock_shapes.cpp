@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <numbers>
@@ -11,6 +13,7 @@
 
 #include "dem/base/parallel.h"
 #include "dem/detail/size_cells.h"
+#include "dem/grid/rotation.h"
 #include "engine/support/turn.h"
 #include "engine/visibility/objects/object_mesh.h"
 
@@ -122,7 +125,7 @@ ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector
     ObjectTriangle split_triangle{{}, 0};
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t corner = triangles[i].corner[k];
-      Vec3 normal = Vec3::Zero();
+      Vec3 normal = Vec3::zero();
       for (const std::size_t neighbour : around[corner])
         if (facets[i].dot(facets[neighbour]) >= min_cosine * facets[i].norm() * facets[neighbour].norm())
           normal += facets[neighbour];
@@ -136,25 +139,25 @@ ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector
 
 // Planes that cut a stone, each by its normal over its distance from the middle: a point p is outside if the dot
 // product exceeds 1.
-constexpr int kPlanes = 16;
-using CuttingPlanes = Eigen::Matrix<double, kPlanes, 3>;
-using InverseDistances = Eigen::Matrix<double, kPlanes, 1>;  // of the planes along a direction
+constexpr std::size_t kPlanes = 16;
+using CuttingPlanes = std::array<Vec3, kPlanes>;
 
 // Returns random planes at 0.5 to 0.85 of the unit ball's radius. Each is the farthest of some from those before it:
 // where planes leave a gap, the ball shows.
 CuttingPlanes cutting_planes(dem::Draws& draws) {
   constexpr int kCandidates = 6;
   CuttingPlanes normals, planes;
-  for (Eigen::Index i = 0; i < planes.rows(); ++i) {
+  for (std::size_t i = 0; i < kPlanes; ++i) {
     double smallest_cosine = 2;
     for (int k = 0; k < kCandidates; ++k) {
       const Vec3 candidate = random_direction(draws);
-      const double cosine = i == 0 ? -1 : (normals.topRows(i) * candidate).maxCoeff();
+      double cosine = -1;  // to the nearest normal so far
+      for (std::size_t j = 0; j < i; ++j) cosine = std::max(cosine, normals[j].dot(candidate));
       if (cosine >= smallest_cosine) continue;
       smallest_cosine = cosine;
-      normals.row(i) = candidate.transpose();
+      normals[i] = candidate;
     }
-    planes.row(i) = normals.row(i) / (0.5 + 0.35 * draws.uniform());
+    planes[i] = normals[i] / (0.5 + 0.35 * draws.uniform());
   }
   return planes;
 }
@@ -163,15 +166,16 @@ CuttingPlanes cutting_planes(dem::Draws& draws) {
 // ball's triangles: triangles then do not cross edges, which would be saw-toothed. Else returns the direction.
 Vec3 moved_to_edge(const CuttingPlanes& planes, const Vec3& direction) {
   constexpr double kFarthest = 0.065;
-  InverseDistances inverse_distances = planes * direction;
-  Eigen::Index first = 0, second = 0;
-  if (inverse_distances.maxCoeff(&first) <= 1) return direction;
-  inverse_distances[first] = -1;
-  inverse_distances.maxCoeff(&second);
-  const Vec3 difference = (planes.row(first) - planes.row(second)).transpose();
+  const auto farther = [&](const Vec3& a, const Vec3& b) { return a.dot(direction) < b.dot(direction); };
+  const auto first = std::max_element(planes.begin(), planes.end(), farther);
+  if (first->dot(direction) <= 1) return direction;
+  auto second = first == planes.begin() ? planes.begin() + 1 : planes.begin();
+  for (auto plane = planes.begin(); plane != planes.end(); ++plane)
+    if (plane != first && farther(*second, *plane)) second = plane;
+  const Vec3 difference = *first - *second;
   const double ahead = difference.dot(direction);
   const Vec3 across = difference - ahead * direction;
-  const Vec3 step = -ahead / across.squaredNorm() * across;
+  const Vec3 step = -ahead / across.squared_norm() * across;
   return step.norm() < kFarthest ? (direction + step).normalized() : direction;
 }
 
@@ -188,8 +192,8 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
     const Vec3 direction = moved_to_edge(planes, corner);
     // Both begin with the unit sphere around the planes, whose distance is 1.
     double sum = 1, nearest = 1;
-    const InverseDistances inverse_distances = planes * direction;
-    for (const double inverse_distance : inverse_distances) {
+    for (const Vec3& plane : planes) {
+      const double inverse_distance = plane.dot(direction);
       if (inverse_distance <= 0) continue;
       nearest = std::min(nearest, 1 / inverse_distance);
       sum += std::pow(inverse_distance, power);
@@ -303,77 +307,74 @@ std::vector<std::shared_ptr<const ObjectMesh>> make_meshes(std::size_t count, co
   return result;
 }
 
-// Corners of a shape, one per column. lying_attitude() rotates a shape so that its largest horizontal extent is along
-// x, from -1/2 to 1/2, and z is from 0 to 1. Narrowing along y and stretching along z preserve the largest horizontal
-// extent.
-using Points = Eigen::Matrix3Xd;
+// Corners of a shape. lying_attitude() rotates a shape so that its largest horizontal extent is along x, from -1/2 to
+// 1/2, and z is from 0 to 1. Narrowing along y and stretching along z preserve the largest horizontal extent.
+using Points = std::vector<Vec3>;
+
+// Returns the first point with the largest value.
+template <typename Value>
+const Vec3& largest_by(const Points& points, const Value& value) {
+  return *std::max_element(points.begin(), points.end(),
+                           [&](const Vec3& a, const Vec3& b) { return value(a) < value(b); });
+}
 
 // Returns the points outside the octagon of the farthest points in eight directions, seen from above (Akl & Toussaint
 // 1978).
-std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& points) {
-  const auto x = points.col(0).array();
-  const auto y = points.col(1).array();
-  Eigen::Index corner[8];  // counter-clockwise
-  x.maxCoeff(&corner[0]);
-  (x + y).maxCoeff(&corner[1]);
-  y.maxCoeff(&corner[2]);
-  (y - x).maxCoeff(&corner[3]);
-  x.minCoeff(&corner[4]);
-  (x + y).minCoeff(&corner[5]);
-  y.minCoeff(&corner[6]);
-  (y - x).minCoeff(&corner[7]);
-  Eigen::Array<bool, Eigen::Dynamic, 1> inside = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(points.rows(), true);
-  for (int k = 0; k < 8; ++k) {
-    const Eigen::Index a = corner[k], b = corner[(k + 1) % 8];
-    // Inside are the points to the left of all sides.
-    if (a != b) inside = inside && (x[b] - x[a]) * (y - y[a]) - (y[b] - y[a]) * (x - x[a]) > 0;
-  }
-  std::vector<Eigen::Index> outside;
-  for (Eigen::Index i = 0; i < points.rows(); ++i)
-    if (!inside[i]) outside.push_back(i);
+Points outside_octagon(const Points& points) {
+  constexpr double kDirections[8][2] = {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}};
+  std::array<Vec3, 8> corners;  // counter-clockwise
+  for (std::size_t k = 0; k < corners.size(); ++k)
+    corners[k] =
+        largest_by(points, [&](const Vec3& p) { return kDirections[k][0] * p.x() + kDirections[k][1] * p.y(); });
+  // Inside are the points to the left of all sides.
+  const auto is_inside = [&](const Vec3& p) {
+    for (std::size_t k = 0; k < corners.size(); ++k) {
+      const Vec3 &a = corners[k], &b = corners[(k + 1) % corners.size()];
+      if (a != b && !((b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x()) > 0)) return false;
+    }
+    return true;
+  };
+  Points outside;
+  std::ranges::copy_if(points, std::back_inserter(outside), std::not_fn(is_inside));
   return outside;
 }
 
 // Returns the corners of the convex hull seen from above, and points on its sides: the farthest point in any horizontal
 // direction is one of them.
-Eigen::MatrixX3d hull_from_above(const Eigen::MatrixX3d& points) {
-  std::vector<Eigen::Index> by_x = outside_octagon(points), hull;
-  std::sort(by_x.begin(), by_x.end(), [&](Eigen::Index a, Eigen::Index b) {
-    return std::pair(points(a, 0), points(a, 1)) < std::pair(points(b, 0), points(b, 1));
-  });
+Points hull_from_above(const Points& points) {
+  Points by_x = outside_octagon(points), hull;
+  std::sort(by_x.begin(), by_x.end(),
+            [](const Vec3& a, const Vec3& b) { return std::pair(a.x(), a.y()) < std::pair(b.x(), b.y()); });
   // Run the monotone chain of Andrew in both directions.
   for (int side = 0; side < 2; ++side, std::reverse(by_x.begin(), by_x.end())) {
     const std::size_t first = hull.size();
-    for (const Eigen::Index next : by_x) {
+    for (const Vec3& next : by_x) {
       // Returns true if the last corner lies inside the hull: the chain turns right there.
       const auto turns_right = [&] {
-        const Eigen::RowVector3d from = points.row(hull[hull.size() - 2]), a = points.row(hull.back()) - from,
-                                 b = points.row(next) - from;
+        const Vec3 from = hull[hull.size() - 2], a = hull.back() - from, b = next - from;
         return a.x() * b.y() - a.y() * b.x() < 0;
       };
       while (hull.size() >= first + 2 && turns_right()) hull.pop_back();
       hull.push_back(next);
     }
   }
-  std::sort(hull.begin(), hull.end());
-  return points(hull, Eigen::all);
+  return hull;
 }
 
 // Returns the transformation that rotates and scales a shape as described at Points.
-Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotation) {
-  const Eigen::MatrixX3d rotated = (rotation * shape).transpose(), hull = hull_from_above(rotated);
+Affine lying_attitude(const Points& shape, const Mat3& rotation) {
+  Points rotated;
+  for (const Vec3& point : shape) rotated.push_back(rotation * point);
+  const Points hull = hull_from_above(rotated);
   // Returns the farthest points forward and backward.
-  const auto farthest = [](const Eigen::MatrixX3d& points, const Vec3& along) -> std::pair<Vec3, Vec3> {
-    const Eigen::VectorXd reach = points * along;
-    Eigen::Index ahead = 0, behind = 0;
-    reach.maxCoeff(&ahead);
-    reach.minCoeff(&behind);
-    return {points.row(ahead), points.row(behind)};
+  const auto farthest = [](const Points& points, const Vec3& along) {
+    return std::pair(largest_by(points, [&](const Vec3& p) { return p.dot(along); }),
+                     largest_by(points, [&](const Vec3& p) { return -p.dot(along); }));
   };
   // Take the largest extent over some directions. From each, follow the line between the farthest corners while the
   // extent grows.
   constexpr int kDirections = 30;
-  Vec3 longest = Vec3::Zero(), longest_middle = Vec3::Zero();
+  Vec3 longest = Vec3::zero(), longest_middle = Vec3::zero();
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
     for (double previous_length = 0;;) {
@@ -388,44 +389,41 @@ Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotat
       along = chord / previous_length;
     }
   }
-  const auto [top, bottom] = farthest(rotated, Vec3::UnitZ());
+  const auto [top, bottom] = farthest(rotated, Vec3::unit_z());
   const double bottom_z = bottom.z();
   const double top_z = top.z();
   const double width = longest.norm();
   // Turn the longest extent to the x axis and scale it to 1, and put its middle above the origin.
-  Eigen::Affine3d out = Eigen::Affine3d::Identity();
-  out.linear() = Vec3(1 / width, 1 / width, 1 / (top_z - bottom_z)).asDiagonal() *
-                 Eigen::AngleAxisd(-std::atan2(longest.y(), longest.x()), Vec3::UnitZ()).toRotationMatrix() * rotation;
-  out.translation() = -out.linear() * (rotation.transpose() * Vec3(longest_middle.x(), longest_middle.y(), bottom_z));
-  return out;
+  const Mat3 linear = Mat3::diagonal({1 / width, 1 / width, 1 / (top_z - bottom_z)}) *
+                      AngleAxis(-std::atan2(longest.y(), longest.x()), Vec3::unit_z()).matrix() * rotation;
+  return {linear, -linear * rotation.transpose_times(Vec3(longest_middle.x(), longest_middle.y(), bottom_z))};
 }
 
 constexpr std::size_t kAttitudes = 24;  // attitudes per shape
 
 // Returns each corner once: triangles have corners of their own.
 Points distinct_points(const ObjectShape& shape) {
-  const auto less = [](const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
+  const auto less = [](const Vec3f& a, const Vec3f& b) {
     return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
   };
-  std::set<Eigen::Vector3f, decltype(less)> distinct(less);
+  std::set<Vec3f, decltype(less)> distinct(less);
   for (const ObjectCorner& corner : shape.corners) distinct.insert(corner.place);
-  Points points(3, static_cast<Eigen::Index>(distinct.size()));
-  Eigen::Index i = 0;
-  for (const Eigen::Vector3f& point : distinct) points.col(i++) = point.cast<double>();
+  Points points;
+  for (const Vec3f& point : distinct) points.push_back(point.cast<double>());
   return points;
 }
 
 // Returns the attitudes of all shapes, kAttitudes for each. Made once.
-const std::vector<Eigen::Affine3d>& attitudes() {
+const std::vector<Affine>& attitudes() {
   static const auto table = [] {
     constexpr std::uint64_t kSeed = 0x7475726e;  // "turn" in ASCII
-    std::vector<Eigen::Affine3d> out(rock_shapes().size() * kAttitudes);
+    std::vector<Affine> out(rock_shapes().size() * kAttitudes);
     in_parallel(rock_shapes().size(), [&](std::size_t shape) {
       const Points points = distinct_points(rock_shapes()[shape]->shape());
       for (std::size_t i = shape * kAttitudes; i < (shape + 1) * kAttitudes; ++i) {
         dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
         const Vec3 up = random_direction(draws);
-        out[i] = lying_attitude(points, shortest_turn(up, Vec3::UnitZ()).toRotationMatrix());
+        out[i] = lying_attitude(points, shortest_turn(up, Vec3::unit_z()).matrix());
       }
     });
     return out;
@@ -454,8 +452,8 @@ struct RockAppearance {
 };
 
 // Returns the rotation from ground axes (z up), rotated by `turn` about the vertical, to MOON_ME.
-Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
-  return shortest_turn(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
+Quat moon_from_ground(const Vec3& up, double turn) {
+  return shortest_turn(Vec3::unit_z(), up) * AngleAxis(turn, Vec3::unit_z());
 }
 
 }  // namespace
@@ -476,10 +474,9 @@ PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
   const RockAppearance appearance(rock);
   const std::size_t shape = appearance.attitude / kAttitudes * kRoundings + appearance.rounding;
   const double high_m = rock.height_m / (1 - rock.buried);  // with the part below the ground
-  Eigen::Affine3d rock_from_shape = Eigen::Affine3d::Identity();
-  rock_from_shape.linear() = moon_from_ground(up, appearance.turn).toRotationMatrix() *
-                             Vec3(rock.diameter_m, appearance.narrow * rock.diameter_m, high_m).asDiagonal();
-  rock_from_shape.translation() = (rock.height_m - high_m) * up;
+  const Affine rock_from_shape{moon_from_ground(up, appearance.turn).matrix() *
+                                   Mat3::diagonal({rock.diameter_m, appearance.narrow * rock.diameter_m, high_m}),
+                               (rock.height_m - high_m) * up};
   return {rock_shapes()[shape].get(),
           rock_from_shape * attitudes()[shape * kAttitudes + appearance.attitude % kAttitudes]};
 }
@@ -489,10 +486,9 @@ std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up) 
   if (!(rock.fillet_m > kMinFilletHeight * rock.diameter_m)) return std::nullopt;
   const RockAppearance appearance(rock);
   const double radius_m = appearance.reach * rock.diameter_m / 2;
-  Eigen::Affine3d rock_from_shape = Eigen::Affine3d::Identity();
-  rock_from_shape.linear() = moon_from_ground(up, appearance.turn).toRotationMatrix() *
-                             Vec3(radius_m, appearance.narrow * radius_m, rock.fillet_m).asDiagonal();
-  return PlacedShape{fillet_shapes()[appearance.fillet % fillet_shapes().size()].get(), rock_from_shape};
+  const Mat3 moon_from_shape = moon_from_ground(up, appearance.turn).matrix() *
+                               Mat3::diagonal({radius_m, appearance.narrow * radius_m, rock.fillet_m});
+  return PlacedShape{fillet_shapes()[appearance.fillet % fillet_shapes().size()].get(), {moon_from_shape}};
 }
 
 }  // namespace selenograph::engine

@@ -2,7 +2,6 @@
 // rock.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -11,6 +10,7 @@
 
 #include "dem/detail/rock_field.h"
 #include "engine/frame/objects.h"
+#include "engine/support/affine.h"
 
 namespace selenograph::engine {
 
@@ -26,7 +26,7 @@ const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes();
 // A mesh on the ground.
 struct PlacedShape {
   const ObjectMesh* mesh;
-  Eigen::Affine3d from_mesh;  // in axes of MOON_ME, relative to the position of the rock, metres
+  Affine from_mesh;  // in axes of MOON_ME, relative to the position of the rock, metres
 };
 
 // Places a rock on ground with the normal `up`. Its largest horizontal extent is the diameter of the rock, its top is

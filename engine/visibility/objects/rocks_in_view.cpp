@@ -179,7 +179,7 @@ class RockSearch {
   const RowViews& views_;
   const dem::RockSurvey survey_;
   const StopToken& stop_;
-  Vec3 toward_sun_ = Vec3::Zero();
+  Vec3 toward_sun_ = Vec3::zero();
   double min_elevation_sine_ = 0;  // 0: shadows are ignored
   double min_px_ = 0;
   std::unordered_set<dem::BlockId, dem::BlockIdHash> chosen_;

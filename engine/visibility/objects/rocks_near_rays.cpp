@@ -32,7 +32,7 @@ double closest_to_centre_m(const RayCone& ray) { return -ray.origin_m.dot(ray.di
 double half_chord2(const RayCone& ray, double height_m) {
   const double radius_m = kMoonRadius_m + height_m;
   const double closest_m = closest_to_centre_m(ray);
-  return radius_m * radius_m - (ray.origin_m + closest_m * ray.direction).squaredNorm();
+  return radius_m * radius_m - (ray.origin_m + closest_m * ray.direction).squared_norm();
 }
 
 // Returns the interval of a ray inside the ball around a block in which it is at most `above_m` above the terrain of
@@ -42,7 +42,7 @@ std::optional<RayInterval> interval_over(const RayCone& ray, const NodeBounds& b
   const Vec3 to = b.centre - ray.origin_m;
   const double along_m = to.dot(ray.direction);
   const double reach_m = b.radius_m + above_m;
-  const double ball_half_chord2 = reach_m * reach_m - (to - along_m * ray.direction).squaredNorm();
+  const double ball_half_chord2 = reach_m * reach_m - (to - along_m * ray.direction).squared_norm();
   const double height_half_chord2 = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
   if (ball_half_chord2 < 0 || height_half_chord2 < 0) return std::nullopt;
   const RayInterval interval{

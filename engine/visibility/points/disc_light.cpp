@@ -1,6 +1,5 @@
 #include "engine/visibility/points/disc_light.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>

@@ -1,6 +1,5 @@
 #include "engine/visibility/points/refine.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -118,7 +117,7 @@ std::optional<Candidate> intersect_plane(const Mesh& mesh, const TriangleId& id,
   if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;
   const double distance = normal.dot(t.a - origin) / toward;
   const Vec3 position = origin + distance * direction, from_a = position - t.a;
-  const double area2 = normal.squaredNorm();
+  const double area2 = normal.squared_norm();
   return Candidate{
       id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
 }
@@ -232,7 +231,7 @@ void search_triangle(const Mesh& mesh, const Rays& rays, int i, double max_miss,
   // Without a guess the ray meets neither half from above: an outline seen edge-on, or a collapsed quad. The triangle
   // that the ray hits is next to it, so search around a vertex.
   const Vec3 point = guess ? guess->position : mesh.triangle(id).a;
-  const double distance = guess ? guess->distance : (point - origin).dot(direction) / direction.squaredNorm();
+  const double distance = guess ? guess->distance : (point - origin).dot(direction) / direction.squared_norm();
   Search search(mesh, origin, direction, distance, visible_distance(mesh, points.triangle[i], origin, direction),
                 max_miss);
   search.quads_around(id.block(), id.r(), id.c());
@@ -279,8 +278,8 @@ void recompute_weights(const Facets& facets, SurfacePoints& points, int i, std::
   const Vec3 a(facets.a[0][i], facets.a[1][i], facets.a[2][i]), b(facets.b[0][i], facets.b[1][i], facets.b[2][i]),
       c(facets.c[0][i], facets.c[1][i], facets.c[2][i]);
   const Vec3 n = points.facet_normal(i), from_a = points.position(i) - a;
-  points.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm();
-  points.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
+  points.v[i] = n.dot(from_a.cross(c - a)) / n.squared_norm();
+  points.w[i] = n.dot((b - a).cross(from_a)) / n.squared_norm();
   const bool on_triangle = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge &&
                            points.v[i] + points.w[i] <= 1 + kOnEdge;
   state = on_triangle ? kOnTriangle : kOffTriangle;

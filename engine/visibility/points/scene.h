@@ -15,7 +15,7 @@ namespace selenograph::engine {
 // All that a scene depends on: the key of the scene cache.
 struct SceneContent {
   std::vector<dem::BlockId> blocks;  // as selected, sorted
-  Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
+  Vec3 anchor_m = Vec3::zero();      // origin of its float coordinates
   Visibility visibility = Visibility::raytrace;
   const dem::Terrain* terrain = nullptr;  // the terrain with its detail; null: without detail
   std::vector<Corners> soft_corners{};    // as selected; empty: normals stay as they are

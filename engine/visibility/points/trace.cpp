@@ -1,6 +1,5 @@
 #include "engine/visibility/points/trace.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>

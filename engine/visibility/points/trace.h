@@ -1,7 +1,6 @@
 // Exact ray queries on a scene: the shell is entered in double, float finds the triangle, double finds the point.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cmath>
 
 #include "engine/visibility/points/refine.h"
@@ -11,7 +10,7 @@ namespace selenograph::engine {
 
 // Returns a unit vector normal to a unit vector.
 inline Vec3 any_across(const Vec3& d) {
-  return (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
+  return (std::abs(d.z()) < 0.9 ? Vec3::unit_z() : Vec3::unit_x()).cross(d).normalized();
 }
 
 // Finds the first intersection of each valid ray with the surface. `facets`: the triangles there, if any ray hits.

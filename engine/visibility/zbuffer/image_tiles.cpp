@@ -1,6 +1,5 @@
 #include "engine/visibility/zbuffer/image_tiles.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -109,8 +108,8 @@ bool outside_one_side_in_all_rows(const Strip& s, const TileView& t) {
 // Sets the linear forms of a view, from those of homogeneous pixels.
 void set_axes(const RowFit::Axes& pixels, TileView& view) {
   for (int k = 0; k < 3; ++k) {
-    for (int i = 0; i < 3; ++i) view.row[k][i] = static_cast<float>(pixels(k, i));
-    view.offset[k] = static_cast<float>(pixels(k, 3));
+    for (int i = 0; i < 3; ++i) view.row[k][i] = static_cast<float>(pixels.turn(k, i));
+    view.offset[k] = static_cast<float>(pixels.shift[k]);
   }
 }
 
@@ -127,7 +126,7 @@ ImageTiling::ImageTiling(const RasterMesh& mesh, const RowViews& views)
       bends_(!camera_.rectilinear()),
       eye_(view_.position() - mesh.anchor()),
       is_far_(eye_.norm() > kFar_m),
-      pivot_(is_far_ ? Vec3(Vec3::Zero()) : Vec3(eye_.cast<float>().cast<double>())) {
+      pivot_(is_far_ ? Vec3::zero() : eye_.cast<float>().cast<double>()) {
   if (!views.vary()) return;
   for (int band = 0; band * kTileHeight < views.height(); ++band)
     fits_.emplace_back(views, middle_of_band(band, views.height()), mesh.anchor() + pivot_);
@@ -135,9 +134,9 @@ ImageTiling::ImageTiling(const RasterMesh& mesh, const RowViews& views)
 
 // Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, with
 // the point (x, y, z) in camera axes.
-TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
+TileView ImageTiling::tile_view(const Mat2& a, const Vec2& b, int width, int height) const {
   TileView t{};
-  const Eigen::Matrix3d camera_from_moon = view_.moon_from_camera().transpose();
+  const Mat3 camera_from_moon = view_.moon_from_camera().transpose();
   const Vec3 x = camera_from_moon.row(0), y = camera_from_moon.row(1), z = camera_from_moon.row(2);
   const Vec3 rows[3] = {x * a(0, 0) + y * a(0, 1) + z * b.x(), x * a(1, 0) + y * a(1, 1) + z * b.y(), z};
   for (int k = 0; k < 3; ++k) {
@@ -155,43 +154,38 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
 
 // Returns the view of a tile from (x0, y0) on, in pixels of the undistorted camera.
 TileView ImageTiling::undistorted_view(double x0, double y0, int width, int height) const {
-  return tile_view(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0}, width,
-                   height);
+  return tile_view({{camera_.fx, 0}, {0, camera_.fy}}, {camera_.cx - x0, camera_.cy - y0}, width, height);
 }
 
 namespace {
 
 // Returns the map from camera axes to homogeneous pixels: pixel = a (x / z, y / z) + b.
-Eigen::Matrix3d pixel_map(const Eigen::Matrix2d& a, const Eigen::Vector2d& b) {
-  Eigen::Matrix3d map = Eigen::Matrix3d::Identity();
-  map.topLeftCorner<2, 2>() = a;
-  map.topRightCorner<2, 1>() = b;
-  return map;
+Mat3 pixel_map(const Mat2& a, const Vec2& b) {
+  return {{a(0, 0), a(1, 0), 0}, {a(0, 1), a(1, 1), 0}, {b.x(), b.y(), 1}};
 }
 
 }  // namespace
 
 // Returns the map from camera axes to homogeneous pixels of a tile from (x0, y0) on, in pixels of the undistorted
 // camera.
-Eigen::Matrix3d ImageTiling::undistorted_map(double x0, double y0) const {
-  return pixel_map(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0});
+Mat3 ImageTiling::undistorted_map(double x0, double y0) const {
+  return pixel_map({{camera_.fx, 0}, {0, camera_.fy}}, {camera_.cx - x0, camera_.cy - y0});
 }
 
 // Sets how the view of a tile changes from row to row, if rows have their own views: to that of the fit's middle row,
 // and its motion. `map`: from camera axes to homogeneous pixels of the tile.
-void ImageTiling::set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view,
-                             RowMotion& motion) const {
+void ImageTiling::set_motion(const ImageTile& tile, const Mat3& map, TileView& view, RowMotion& motion) const {
   if (!moves()) return;
   const RowFit& fit = fits_[static_cast<std::size_t>(tile.y0 / kTileHeight)];
   const int middle = fit.middle_row - tile.y0;
-  RowFit::Axes previous = RowFit::Axes::Zero();  // of the power below
+  RowFit::Axes previous;  // of the power below
   for (int power = 0; power < 3; ++power) {
     const RowFit::Axes pixels = map * fit.coefficients[static_cast<std::size_t>(power)];
-    const Eigen::RowVector4d off_row = pixels.row(1) - middle * pixels.row(2) - previous.row(2);
     for (int i = 0; i < 4; ++i) {
-      motion.column[power][i] = static_cast<float>(pixels(0, i));
-      motion.off_row[power][i] = static_cast<float>(off_row[i]);
-      motion.depth[power][i] = static_cast<float>(pixels(2, i));
+      const Vec3& pixel = pixels.col(i);
+      motion.column[power][i] = static_cast<float>(pixel.x());
+      motion.off_row[power][i] = static_cast<float>(pixel.y() - middle * pixel.z() - previous.col(i).z());
+      motion.depth[power][i] = static_cast<float>(pixel.z());
     }
     previous = pixels;
   }
@@ -226,17 +220,16 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   buffer.sample_x.assign(n + kTilePadding, kNone);
   buffer.sample_y.assign(n + kTilePadding, kNone);
-  if (valid_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
-  const Eigen::Vector2d middle(rays.x[image_index(valid_x, valid_y)], rays.y[image_index(valid_x, valid_y)]);
-  const Eigen::Matrix2d pixel_from_slope =
-      Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.projection().lens().jacobian(middle.x(), middle.y());
-  const Eigen::Vector2d offset = Eigen::Vector2d(valid_x, valid_y) - pixel_from_slope * middle;
+  if (valid_x < 0) return tile_view(Mat2::zero(), {0, 0}, 0, 0);
+  const Vec2 middle(rays.x[image_index(valid_x, valid_y)], rays.y[image_index(valid_x, valid_y)]);
+  const Mat2 jacobian = view_.projection().lens().jacobian(middle.x(), middle.y());
+  const Mat2 pixel_from_slope = Mat2::from_rows(camera_.fx * jacobian.row(0), camera_.fy * jacobian.row(1));
+  const Vec2 offset = Vec2(valid_x, valid_y) - pixel_from_slope * middle;
   TileView view = tile_view(pixel_from_slope, offset, tile.width, tile.height);
   set_motion(tile, pixel_map(pixel_from_slope, offset), view, motion);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
-      const Eigen::Vector2d p =
-          pixel_from_slope * Eigen::Vector2d(rays.x[image_index(x, y)], rays.y[image_index(x, y)]) + offset;
+      const Vec2 p = pixel_from_slope * Vec2(rays.x[image_index(x, y)], rays.y[image_index(x, y)]) + offset;
       if (std::isnan(p.x())) continue;
       const std::size_t pixel =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + static_cast<std::size_t>(x);
@@ -287,10 +280,10 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
 std::optional<double> ImageTiling::row_of(const Strip& strip, double dy) const {
   constexpr int kSteps = 2;
   const double last_row = views_.height() - 1;
-  const Vec3 middle = Eigen::Map<const Eigen::Vector3f>(strip.centre).cast<double>() - pivot_;
+  const Vec3 middle = Vec3f(strip.centre).cast<double>() - pivot_;
   double row = last_row / 2;
   for (int step = 0; step < kSteps; ++step) {
-    const Vec3 p = fit_of(row).at(row - fit_of(row).middle_row) * middle.homogeneous();
+    const Vec3 p = fit_of(row).at(row - fit_of(row).middle_row) * middle;
     if (!(p.z() > 0)) return std::nullopt;
     row = std::clamp(p.y() / p.z() * camera_.fy + camera_.cy - dy, 0.0, last_row);
   }
@@ -299,7 +292,7 @@ std::optional<double> ImageTiling::row_of(const Strip& strip, double dy) const {
 
 // Returns whether a strip is behind the camera in all rows, by its depth in the middle row.
 bool ImageTiling::is_behind(const Strip& strip) const {
-  const auto vector = [](const float* v) -> Vec3 { return Eigen::Map<const Eigen::Vector3f>(v).cast<double>(); };
+  const auto vector = [](const float* v) -> Vec3 { return Vec3f(v).cast<double>(); };
   double radius_m = 0;
   for (const auto& half : strip.half) radius_m += vector(half).norm();
   const Vec3 from_eye = vector(strip.centre) - eye_;

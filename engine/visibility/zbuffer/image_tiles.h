@@ -50,11 +50,11 @@ class ImageTiling {
 
  private:
   bool moves() const { return !fits_.empty(); }  // true if rows have their own views
-  TileView tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const;
+  TileView tile_view(const Mat2& a, const Vec2& b, int width, int height) const;
   TileView undistorted_view(double x0, double y0, int width, int height) const;
-  Eigen::Matrix3d undistorted_map(double x0, double y0) const;
+  Mat3 undistorted_map(double x0, double y0) const;
   TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer, RowMotion& motion) const;
-  void set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view, RowMotion& motion) const;
+  void set_motion(const ImageTile& tile, const Mat3& map, TileView& view, RowMotion& motion) const;
   StripBox box_of(const Strip& strip, const TileView& image_view) const;
   const RowFit& fit_of(double row) const;
   std::optional<double> row_of(const Strip& strip, double dy) const;

@@ -1,6 +1,5 @@
 #include "engine/visibility/zbuffer/shadow_map.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
