@@ -1,6 +1,6 @@
 #include "dem/grid/rotation.h"
 
-#include <limits>
+#include <numbers>
 
 namespace selenograph {
 
@@ -76,6 +76,16 @@ double Quat::angle_to(const Quat& b) const {
 Quat operator*(const Quat& a, const Quat& b) {
   return {(a.w * b.w - a.y * b.y) - (a.z * b.z + a.x * b.x), (a.w * b.x + a.y * b.z) - (a.z * b.y - a.x * b.w),
           (a.w * b.y + a.y * b.w) + (a.z * b.x - a.x * b.z), (a.w * b.z - a.y * b.x) + (a.z * b.w + a.x * b.y)};
+}
+
+Quat shortest_turn(const Vec3& from, const Vec3& to) {
+  const Vec3 a = from.normalized(), b = to.normalized();
+  const double cosine = b.dot(a);
+  constexpr double kOpposite = 1e-12;
+  if (cosine < -1 + kOpposite) return Quat(AngleAxis(std::numbers::pi, a.unit_orthogonal()));
+  const double twice_cosine_of_half = std::sqrt((1 + cosine) * 2);
+  const Vec3 axis = a.cross(b) * (1 / twice_cosine_of_half);
+  return {twice_cosine_of_half * 0.5, axis.x(), axis.y(), axis.z()};
 }
 
 }  // namespace selenograph

@@ -46,4 +46,8 @@ struct Quat {
 // Returns the rotation by b, then by a.
 Quat operator*(const Quat& a, const Quat& b);
 
+// Returns the rotation by the smallest angle that takes `from` to `to`, of any lengths; of opposite directions, by 180
+// degrees about some axis across them.
+Quat shortest_turn(const Vec3& from, const Vec3& to);
+
 }  // namespace selenograph

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "engine/support/turn.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::engine {
 namespace {

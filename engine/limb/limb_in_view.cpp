@@ -18,7 +18,7 @@
 #include "engine/rays/ray_queries.h"
 #include "engine/scene/bounded_nodes.h"
 #include "engine/scene/selection.h"
-#include "engine/support/turn.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::engine {
 namespace {

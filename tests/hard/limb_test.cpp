@@ -14,7 +14,7 @@
 #include "engine/camera/view.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/star_catalogue.h"
-#include "engine/support/turn.h"
+#include "dem/grid/rotation.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
@@ -60,7 +60,7 @@ TEST_F(LimbOfASphere, IsACone) {
       // What the image shows there, and at which azimuth: a small turn of the camera away from the centre.
       const Vec3 ray = view.ray(p.x_px, p.y_px)->normalized();
       EXPECT_NEAR(std::atan2(ray.cross(centre).norm(), ray.dot(centre)) / kDegree, p.angle_deg, 1e-9);
-      const auto turn = engine::shortest_turn(view.moon_from_camera().col(2), centre);
+      const auto turn = shortest_turn(view.moon_from_camera().col(2), centre);
       const Vec3 turned = view.moon_from_camera().transpose() * (turn.conjugate() * ray);
       EXPECT_NEAR(std::remainder(std::atan2(turned.y(), turned.x()) / kDegree - p.azimuth_deg, 360), 0, 1e-6);
     }

@@ -7,7 +7,7 @@
 #include <limits>
 #include <random>
 
-#include "engine/support/turn.h"
+#include "dem/grid/rotation.h"
 
 namespace selenograph::engine {
 namespace {

@@ -14,7 +14,6 @@
 #include "dem/base/parallel.h"
 #include "dem/detail/size_cells.h"
 #include "dem/grid/rotation.h"
-#include "engine/support/turn.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {
