@@ -234,4 +234,11 @@ struct Matrix3 {
 using Mat3 = Matrix3<double>;
 using Mat3f = Matrix3<float>;
 
+template <>
+Vec3 Vec3::unit_orthogonal() const;
+template <>
+double Mat3::determinant() const;
+template <>
+Mat3 Mat3::inverse() const;
+
 }  // namespace selenograph
