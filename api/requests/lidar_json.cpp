@@ -169,7 +169,8 @@ void add_lidar_members(Members<LidarQuery>& m) {
   m.add("craters", nested(&LidarQuery::request, &LidarRequest::craters), FlagOrObject{lidar_craters_members()},
         "ground truth of the detail's craters: `crater` in the answer; true: with the defaults; left out: none");
   add_ground(m);
-  m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame");
+  m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame")
+      .written_if([](const LidarQuery& q) { return !q.objects.empty(); });
   m.check(check_lidar);
 }
 
