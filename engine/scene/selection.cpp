@@ -26,9 +26,11 @@ void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const st
   // No camera is within a hundredth of the Moon's radius of its centre, but a position in kilometres is.
   const char* const hint =
       position_m.norm() < kMoonRadius_m / 100 ? "; are lengths in kilometres? They are metres" : "";
-  if (height <= lowest)
+  constexpr double kRounding_m = 1e-6;
+  if (height <= lowest + kRounding_m)
     throw ImpossibleRequest(
-        fmt::format("{} is below the terrain: {:.3f} m above the sphere{} {:.3f} m{}", subject, height,
+        fmt::format("{} is {} the terrain: {:.3f} m above the sphere{} {:.3f} m{}", subject,
+                    height < lowest - kRounding_m ? "below" : "at", height,
                     has_data ? ", ground at" : "; there are no data, but no ground of the Moon is below", lowest, hint),
         member);
 }

@@ -1,4 +1,5 @@
-// Made ground near the camera: the level of detail depends neither on the image's size nor on the pose before.
+// Made ground near the camera: the level of detail depends neither on the image's size nor on the pose before, and the
+// z-buffer draws it down to a millimetre.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -7,9 +8,11 @@
 
 #include "api/assets/assets.h"
 #include "dem/detail/detailed_terrain.h"
+#include "engine/renderer.h"
 #include "engine/scene/selection.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
+#include "tests/support/views.h"
 
 namespace selenograph::engine {
 namespace {
@@ -22,35 +25,44 @@ class NearGround : public ::testing::Test {
     folder_ = new test::TemporaryFolder;
     test::write_float_tile(folder_->path(), "t", {12, 24, 128, 4 * 128 + 1, 4 * 128 + 1},
                            [](double lat, double lon) { return 20 * std::sin(lat * 31 + lon * 13); });
-    terrain_ = std::make_shared<dem::DetailedTerrain>(
-        test::open_terrain(folder_->path()), std::make_shared<const dem::Detail>(api::read_detail_file(
-                                                 SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/landing.json")));
+    plain_ = test::open_terrain(folder_->path());
+    detail_ = std::make_shared<const dem::Detail>(
+        api::read_detail_file(SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/landing.json"));
+    terrain_ = std::make_shared<dem::DetailedTerrain>(plain_, detail_);
     ground_m_ = terrain_->height(kLat_deg, kLon_deg, {}).height_m;
   }
   static void TearDownTestSuite() {
     terrain_.reset();
+    plain_.reset();
     delete folder_;
   }
 
-  // Selects for a square image 60 degrees wide that looks north, `tilt_deg` from the nadir.
-  static Selection select(double above_m, double tilt_deg, int side_px, double sun_deg, double north_m = 0) {
+  // Returns the pose of a camera that looks north, `tilt_deg` from the nadir.
+  static Pose looking_north(double above_m, double tilt_deg, double north_m = 0) {
     const double lat_deg = kLat_deg + north_m / kMoonRadius_m * 180 / std::numbers::pi;
     const EastNorthUp axes = local_axes(lat_deg, kLon_deg);
     const double tilt = tilt_deg * std::numbers::pi / 180;
     const Vec3 z = axes.north * std::sin(tilt) - axes.up * std::cos(tilt);
-    const auto camera_from_moon = Mat3::from_rows(axes.east, z.cross(axes.east), z);
-    const double focal_px = side_px / 2.0 / std::tan(std::numbers::pi / 6), middle_px = (side_px - 1) / 2.0;
-    const View view({side_px, side_px, focal_px, focal_px, middle_px, middle_px, {}},
-                    {to_cartesian({lat_deg, kLon_deg, ground_m_ + above_m}), Quat(camera_from_moon)});
+    return {to_cartesian({lat_deg, kLon_deg, ground_m_ + above_m}),
+            Quat(Mat3::from_rows(axes.east, z.cross(axes.east), z))};
+  }
+
+  // Selects for a square image 60 degrees wide.
+  static Selection select(double above_m, double tilt_deg, int side_px, double sun_deg, double north_m = 0) {
+    const View view(test::square_camera(side_px, 60), looking_north(above_m, tilt_deg, north_m));
     const Sun sun{sun_direction(local_axes(kLat_deg, kLon_deg), 270, sun_deg)};
     return select_for_view(*terrain_, view, &sun, {}, {});
   }
 
   static test::TemporaryFolder* folder_;
+  static std::shared_ptr<dem::PyramidTerrain> plain_;
+  static std::shared_ptr<const dem::Detail> detail_;
   static std::shared_ptr<dem::DetailedTerrain> terrain_;
   static double ground_m_;
 };
 test::TemporaryFolder* NearGround::folder_ = nullptr;
+std::shared_ptr<dem::PyramidTerrain> NearGround::plain_;
+std::shared_ptr<const dem::Detail> NearGround::detail_;
 std::shared_ptr<dem::DetailedTerrain> NearGround::terrain_;
 double NearGround::ground_m_ = 0;
 
@@ -73,6 +85,40 @@ TEST_F(NearGround, LimitsDoNotSwitchWhileTheCameraMoves) {
       EXPECT_EQ(s.detail_limit_px, Accuracy::kDefaultDetailError_px) << frame;
       EXPECT_EQ(s.shadow_limit_px, Accuracy::kDefaultShadowError_px) << frame;
     }
+  }
+}
+
+// Blocks of the finest ground, all nearer than the near border of the guard band, counted as behind the camera.
+TEST_F(NearGround, IsDrawnAsTracedDownToAMillimetre) {
+  const Renderer renderer(plain_, {});
+  for (const double above_m : {0.015, 0.004, 0.001})
+    for (const double tilt_deg : {0.0, 60.0, 85.0}) {
+      FrameRequest request;
+      request.camera = test::square_camera(64, 60);
+      request.pose = looking_north(above_m, tilt_deg);
+      request.detail = detail_;
+      request.products = kDepth;
+      request.visibility = Visibility::raytrace;
+      const std::vector<double> traced = renderer.render(request).products.depth;
+      request.visibility = Visibility::zbuffer;
+      const std::vector<double> drawn = renderer.render(request).products.depth;
+      int hits = 0, differ = 0;
+      for (std::size_t i = 0; i < traced.size(); ++i) {
+        hits += std::isnan(traced[i]) ? 0 : 1;
+        differ += std::isnan(traced[i]) ? !std::isnan(drawn[i]) : !(std::abs(drawn[i] / traced[i] - 1) < 1e-3);
+      }
+      EXPECT_GT(hits, 64 * 64 / 4) << above_m << ' ' << tilt_deg;
+      EXPECT_LE(differ, 64 * 64 / 100) << above_m << ' ' << tilt_deg;
+    }
+}
+
+// Rounding of positions put some of them above the ground, where they saw nothing.
+TEST_F(NearGround, ACameraOnTheGroundIsRefused) {
+  for (int i = 0; i < 200; ++i) {
+    const double lat_deg = kLat_deg + 1e-3 * i, height_m = terrain_->height(lat_deg, kLon_deg, {}).height_m;
+    EXPECT_THROW(refuse_buried(*terrain_, to_cartesian({lat_deg, kLon_deg, height_m}), "the camera", ""),
+                 ImpossibleRequest);
+    EXPECT_NO_THROW(refuse_buried(*terrain_, to_cartesian({lat_deg, kLon_deg, height_m + 1e-4}), "the camera", ""));
   }
 }
 

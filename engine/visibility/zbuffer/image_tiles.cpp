@@ -243,15 +243,16 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   return view;
 }
 
-// Returns the box of a strip in the image. Corners behind the eye make it unbounded.
+// Returns the box of a strip in the image. Corners close to the eye or behind it make it unbounded.
 StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity();
   StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
-  int corners_behind = 0;
+  int corners_near = 0, corners_behind = 0;
   for (int corner = 0; corner < 8; ++corner) {
     const Corner c = corner_of(s, corner, image_view);
     if (!(c.z > 2 * kNear_m)) {
-      ++corners_behind;
+      ++corners_near;
+      corners_behind += c.z < -kNear_m ? 1 : 0;
       continue;
     }
     const float px[2] = {c.x / c.z, c.y / c.z};
@@ -263,9 +264,9 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   if (corners_behind == 8) return box;
   // Subtract the size of the image: a tile counts pixels from its own corner.
   const float max_px = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
-  box.leaves_guard_band = corners_behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
+  box.leaves_guard_band = corners_near > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
   for (int k = 0; k < 2; ++k) {
-    if (corners_behind > 0) {
+    if (corners_near > 0) {
       box.low[k] = -kAnywhere;
       box.high[k] = kAnywhere;
     }
