@@ -146,32 +146,24 @@ class LayerFilling {
   // Fills the missing posts among `n` of row `r`, from column `first` on. NaN and impossible heights stay missing.
   void add_row(int r, int first, const float* heights, int n) {
     const std::size_t at = index(r, first);
-    const FillCount count = fill_missing(heights, n, mark_, heights_ + at, sources_ + at);
-    filled_ += static_cast<std::size_t>(count.filled);
-    impossible_ += static_cast<std::size_t>(count.impossible);
+    filled_ += static_cast<std::size_t>(fill_missing(heights, n, mark_, heights_ + at, sources_ + at));
   }
 
   bool is_missing(int r, int c) const { return sources_[index(r, c)] == kNoSource; }
   // Fills one post, with `flag` (kFilledBit or 0) added to its source mark.
   void add_post(int r, int c, float h, SourceMark flag) {
-    if (std::isnan(h)) return;
-    if (h < kLowestRelief_m || h > kHighestRelief_m) {
-      ++impossible_;
-      return;
-    }
+    if (!(h >= kLowestRelief_m && h <= kHighestRelief_m)) return;
     heights_[index(r, c)] = h;
     sources_[index(r, c)] = mark_ | flag;
     ++filled_;
   }
 
-  // Number of posts filled, and of posts with heights that no lunar terrain has.
   std::size_t filled() const { return filled_; }
-  std::size_t impossible() const { return impossible_; }
 
  private:
   std::size_t index(int r, int c) const { return static_cast<std::size_t>(r) * cols_ + static_cast<std::size_t>(c); }
   SourceMark mark_;
-  std::size_t cols_, filled_ = 0, impossible_ = 0;
+  std::size_t cols_, filled_ = 0;
   float* heights_;
   SourceMark* sources_;
 };

@@ -106,13 +106,13 @@ void RefineBetweenRows(const float* a, const float* b, int quads, float* out) {
   out[2 * quads] = (a[quads] + b[quads]) * 0.5F;
 }
 
-FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+int FillMissing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
   const Floats d;
   const Marks m;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto none = hn::Set(m, kNoSource), marks = hn::Set(m, mark);
   const auto lowest = hn::Set(d, kLowestRelief_m), highest = hn::Set(d, kHighestRelief_m);
-  std::size_t filled = 0, impossible = 0;
+  std::size_t filled = 0;
   int i = 0;
   for (; i + lanes <= n; i += lanes) {
     const auto v = hn::LoadU(d, layer + i);
@@ -120,22 +120,17 @@ FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights
     const auto missing = hn::RebindMask(d, hn::Eq(was, none));
     const auto possible = hn::And(hn::Ge(v, lowest), hn::Le(v, highest)), take = hn::And(missing, possible);
     filled += hn::CountTrue(d, take);
-    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(missing, hn::Eq(v, v))));  // v == v: not NaN
     hn::StoreU(hn::IfThenElse(take, v, hn::LoadU(d, heights + i)), d, heights + i);
     hn::StoreU(hn::IfThenElse(hn::RebindMask(m, take), marks, was), m, sources + i);
   }
   for (; i < n; ++i) {
     const float v = layer[i];
-    if (sources[i] != kNoSource || v != v) continue;
-    if (v < kLowestRelief_m || v > kHighestRelief_m) {
-      ++impossible;
-    } else {
-      heights[i] = v;
-      sources[i] = mark;
-      ++filled;
-    }
+    if (sources[i] != kNoSource || !(v >= kLowestRelief_m && v <= kHighestRelief_m)) continue;
+    heights[i] = v;
+    sources[i] = mark;
+    ++filled;
   }
-  return {static_cast<int>(filled), static_cast<int>(impossible)};
+  return static_cast<int>(filled);
 }
 
 // Sums in double, in the same order as the scalar loop. Where positions are denser than the row's posts, the taps of a
@@ -236,7 +231,7 @@ void refine_row(const float* a, int quads, float* out) { HWY_DYNAMIC_DISPATCH(Re
 void refine_between_rows(const float* a, const float* b, int quads, float* out) {
   HWY_DYNAMIC_DISPATCH(RefineBetweenRows)(a, b, quads, out);
 }
-FillCount fill_missing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+int fill_missing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
   return HWY_DYNAMIC_DISPATCH(FillMissing)(layer, n, mark, heights, sources);
 }
 void interpolate_row(const float* row, int row_size, const RowTaps& taps, int n, double* out) {

@@ -30,12 +30,9 @@ void refine_row(const float* a, int quads, float* out);
 // the north-west.
 void refine_between_rows(const float* a, const float* b, int quads, float* out);
 
-struct FillCount {
-  int filled = 0;      // posts that got a height
-  int impossible = 0;  // missing posts whose height in the layer is outside the range of lunar relief
-};
-// Copies a layer's valid heights to the posts of a row that have none yet (kNoSource), and marks their source.
-FillCount fill_missing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources);
+// Copies a layer's valid heights to the posts of a row that have none yet (kNoSource), and marks their source. Returns
+// how many it has copied.
+int fill_missing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources);
 
 // Taps of cubic interpolation at ascending positions along a row of posts.
 struct RowTaps {

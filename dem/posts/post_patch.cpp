@@ -2,6 +2,8 @@
 
 #include <limits>
 
+#include "dem/grid/block.h"
+
 namespace selenograph::dem {
 
 namespace {
@@ -55,6 +57,18 @@ float extrapolate(const PostPatch& patch, double px, double py) {
                                     dy * static_cast<double>(slope(patch.at(x, y - 1), patch.at(x, y + 1))));
     }
   return best;
+}
+
+bool keep_ground(std::span<float> heights_m, double offset_m) {
+  constexpr float kVoid_m = -9999;
+  bool any = false;
+  for (float& height_m : heights_m) {
+    const auto shifted_m = static_cast<float>(static_cast<double>(height_m) + offset_m);
+    const bool is_none = height_m == kVoid_m || shifted_m < kLowestRelief_m || shifted_m > kHighestRelief_m;
+    any |= is_none;
+    height_m = is_none ? std::numeric_limits<float>::quiet_NaN() : shifted_m;
+  }
+  return any;
 }
 
 }  // namespace selenograph::dem

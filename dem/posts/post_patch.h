@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <span>
 
 #include "dem/base/uninitialised.h"
 
@@ -38,6 +39,10 @@ struct PostPosition {
     fraction = v - post;
   }
 };
+
+// Adds an offset to heights of a file, and turns those that no ground of the Moon has into NaN: out of range, or -9999,
+// a usual mark of voids that lies below the Moon's lowest ground. Returns true if there were any.
+bool keep_ground(std::span<float> heights_m, double offset_m);
 
 // Returns a height by Catmull-Rom interpolation, exact for a linear slope; bilinear if no-data is among the sixteen
 // posts; NaN next to no-data. The patch must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the position.

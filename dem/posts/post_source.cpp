@@ -37,14 +37,14 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
 
 PostSource::~PostSource() = default;
 
-// Adds the layer's offset after the read.
+// Before heights are interpolated: a kernel would spread an undeclared void over its neighbours.
 void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
   pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
-  if (const double offset_m = catalogue_.offset_m(source); offset_m != 0) {
-    const std::size_t count = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
-    for (std::size_t i = 0; i < count; ++i)
-      heights_m[i] = static_cast<float>(static_cast<double>(heights_m[i]) + offset_m);
-  }
+  const std::size_t count = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
+  if (!keep_ground({heights_m, count}, catalogue_.offset_m(source))) return;
+  const std::string& path = catalogue_.rasters()[static_cast<std::size_t>(source)].path;
+  warn_(path, fmt::format("{}: posts of -9999 m or outside of {} .. {} m taken as voids", path, kLowestRelief_m,
+                          kHighestRelief_m));
 }
 
 // Rows of a window that one thread composes, and the arrays that receive their posts, row by row.
@@ -275,10 +275,6 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
         else
           filling.add_post(r, c, extrapolate(patch, q.x, q.y), kFilledBit);
       }
-  }
-  if (filling.impossible() > 0) {
-    const std::string& path = catalogue_.rasters()[static_cast<std::size_t>(source)].path;
-    warn_(path, fmt::format("{}: posts outside of {} .. {} m taken as voids", path, kLowestRelief_m, kHighestRelief_m));
   }
   // Only the first column of a pole was filled: repeat it along the row.
   if (mapping.pole() && strip.sources[first_post] != kNoSource) {

@@ -11,6 +11,7 @@
 #include "dem/base/error.h"
 #include "dem/base/names.h"
 #include "dem/gdal/raster.h"
+#include "dem/posts/post_patch.h"
 
 namespace selenograph::dem {
 namespace {
@@ -153,6 +154,7 @@ int measure_resolved_posts(const Catalogue& catalogue, const std::vector<int>& f
       const double a = std::fmod(0.5 + k * 0.7548776662466927, 1.0), b = std::fmod(0.5 + k * 0.5698402909980532, 1.0);
       const int x = static_cast<int>(a * (info.width - kSide)), y = static_cast<int>(b * (info.height - kSide));
       raster.read(x, y, kSide, kSide, square.data());
+      keep_ground(square, 0);
       differences.add(square, first_row(info) + y);
     }
   }

@@ -4,8 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <optional>
 #include <random>
 
 #include "dem/base/error.h"
@@ -75,6 +77,26 @@ TEST(PostSource, FinestValidLayerWins) {
       ASSERT_EQ(posts.heights[at], fine ? 2.F : 1.F) << lat << ' ' << lon;
       ASSERT_EQ(layers.name(posts.sources[at]), fine ? "fine" : "coarse");
     }
+}
+
+// Of posts off the lattice: the kernel spread such marks over their neighbours.
+TEST(PostSource, UndeclaredVoidsAreVoidsBeforeTheyAreInterpolated) {
+  const auto hole = [](double lat, double lon) { return std::hypot(lat - 11, lon - 21) < 0.25; };
+  const auto composed = [&](std::optional<double> mark) {
+    TemporaryFolder folder;
+    const auto height_m = [&](double lat, double lon) { return mark && hole(lat, lon) ? *mark : slope(lat, lon); };
+    write_float_tile(folder.path(), "t", {12, 20, 10, 21, 21}, height_m,
+                     [&](double lat, double lon) { return !mark && hole(lat, lon); });
+    LayerFiles layers(folder.path());
+    std::vector<float> heights = layers.source.compose(posts_window(4, 10, 20, 33, 33)).heights;
+    EXPECT_EQ(layers.warnings.empty(), !mark);
+    std::ranges::replace_if(
+        heights, [](float h) { return std::isnan(h); }, -1e6F);
+    return heights;
+  };
+  const std::vector<float> declared = composed(std::nullopt);
+  EXPECT_GT(std::ranges::count(declared, -1e6F), 10);
+  for (const double mark : {-32768.0, -32767.0, 32767.0, 65535.0, -9999.0}) EXPECT_EQ(composed(mark), declared) << mark;
 }
 
 TEST(PostSource, VoidsInASlopeAreFilledExactlyAndFlagged) {
