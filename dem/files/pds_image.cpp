@@ -80,10 +80,11 @@ double offset_in_unit(const PdsReader& image, double unit_m) {
   return offset;
 }
 
-// Returns a void value. A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
+// Returns a void value. A bit pattern such as 16#FF7FFFFB# or 16#8000# stands for the number with those bits.
 double void_of(const std::string& text, const RawSample& sample, double number) {
-  const auto bits = sample.real ? parse_pds_based(text) : std::nullopt;
+  const auto bits = parse_pds_based(text);
   if (!bits) return number;
+  if (!sample.real) return sample.bytes == 2 ? static_cast<std::int16_t>(*bits) : number;
   return sample.bytes == 4 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(*bits)))
                            : std::bit_cast<double>(*bits);
 }
@@ -91,7 +92,7 @@ double void_of(const std::string& text, const RawSample& sample, double number) 
 std::vector<double> void_values(const PdsReader& image, const RawSample& sample) {
   std::vector<double> voids;
   for (const char* keyword : {"DUMMY", "MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT",
-                              "NULL", "CORE_NULL", "INVALID_VALUE"}) {
+                              "NULL", "NULL_CONSTANT", "CORE_NULL", "INVALID_VALUE"}) {
     const PdsValue* v = image.value(keyword);
     for (std::size_t i = 0; v && i < v->items.size(); ++i)
       if (const auto x = v->number(i)) voids.push_back(void_of(v->items[i], sample, *x));
@@ -186,7 +187,7 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
 
   RawImage out;
   out.format = format_name(label_reader);
-  out.synthetic = label_reader.word("DATA_SET_ID").starts_with("SYNTHETIC");
+  out.synthetic = label_reader.word("DATA_SET_ID").starts_with("SYNTHETIC-SELENOGRAPH-");
   out.quantity = image.word("NAME") + " " + image.word("IMAGE_VALUE_TYPE");
   out.product = label_reader.word("PRODUCT_ID");
   refuse_compressed(label, label_reader);

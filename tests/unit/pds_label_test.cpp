@@ -172,7 +172,7 @@ TEST(PdsLabel, SyntheticTerrainIsToldByItsDataSet) {
   Product product;
   LabelText text;
   EXPECT_FALSE(product.describe(text).synthetic);
-  text.pointer += "\nDATA_SET_ID = \"SYNTHETIC-TERRAIN\"";
+  text.pointer += "\nDATA_SET_ID = \"SYNTHETIC-SELENOGRAPH-TERRAIN\"";
   EXPECT_TRUE(product.describe(text).synthetic);
 }
 
